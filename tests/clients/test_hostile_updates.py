@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import httpx
 import psutil
@@ -36,14 +38,22 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
 
 def resident(server: RunningServer) -> int:
     """Return the memory of the server and all its children, in bytes."""
+    return sum(memory.rss for memory in of_each(server, psutil.Process.memory_info))
+
+
+def spent_s(server: RunningServer) -> float:
+    """Return the processor time that the server and its running children took, s."""
+    return sum(spent.user + spent.system for spent in of_each(server, psutil.Process.cpu_times))
+
+
+def of_each(server: RunningServer, measure: Callable[[psutil.Process], Any]) -> list[Any]:
+    """Measure the server and those of its children that have not ended."""
     own = psutil.Process(server.process.pid)
-    total = 0
+    values = []
     for process in (own, *own.children(recursive=True)):
-        try:
-            total += process.memory_info().rss
-        except psutil.NoSuchProcess:
-            continue
-    return total
+        with contextlib.suppress(psutil.NoSuchProcess):
+            values.append(measure(process))
+    return values
 
 
 def send(server: RunningServer, text: str) -> httpx.Response:
@@ -138,9 +148,14 @@ def test_sigterm_ends_a_server_that_evaluates_a_hostile_update(
             except httpx.HTTPError as error:
                 ended.append(error)
 
+        before_s = spent_s(running)
         attacker = threading.Thread(target=attack)
         attacker.start()
-        time.sleep(0.5)
+        deadline = time.monotonic() + PATIENCE_S
+        while spent_s(running) < before_s + 0.3:  # no list names updates; evaluating takes time
+            assert not ended, ended
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
         running.process.terminate()
         running.process.wait(timeout=60)
         attacker.join(timeout=60)

@@ -12,7 +12,9 @@ from urllib.parse import parse_qs, urlsplit
 import pytest
 
 import rtask
+from rtask.client import failures
 from rtask.errors import CallFailedError
+from tests.clocks import PassedBySleeping
 
 Answer = tuple[int, dict[str, Any]]
 
@@ -76,14 +78,11 @@ def test_what_will_not_change_is_not_asked_again(served):
 
 
 def test_the_time_of_a_call_bounds_all_its_tries(served, monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr("rtask.client.failures.time.monotonic", lambda: now[0])
-    monkeypatch.setattr(
-        "rtask.client.failures.time.sleep", lambda s: now.__setitem__(0, now[0] + s)
-    )
+    clock = PassedBySleeping()
+    monkeypatch.setattr(failures, "time", clock)
     url, asked = served([BUSY])
     with rtask.connect(url) as client, pytest.raises(CallFailedError) as caught:
         client.call_service("lab/Arm", "use", timeout_s=20.0)
     assert caught.value.is_transient
     assert len(asked) > 5
-    assert now[0] <= 20.0
+    assert clock.now_s <= 20.0

@@ -94,11 +94,15 @@ def test_a_class_can_be_an_individual_too(kb: KnowledgeBase, odd: Vocabulary) ->
     assert odd["http://example.org/odd#class"].__name__ == "Class"
 
 
-def test_generated_classes_are_typed_and_those_of_rtask(source: Path, module: ModuleType) -> None:
+def test_generated_classes_are_those_of_rtask(module: ModuleType) -> None:
     assert issubclass(module.OddLink, RTASK.Container)
     assert "colour" in module.OddLink.__fields__
     assert "colour" not in RTASK.Container.__fields__
     assert issubclass(module.MaxTempLim, module.TempLim)  # in no order that Python knows
+
+
+@pytest.mark.deep
+def test_generated_classes_are_typed(source: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "mypy", str(source)],
         capture_output=True,

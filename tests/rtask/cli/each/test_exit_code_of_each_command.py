@@ -12,6 +12,7 @@ import rtask
 from rtask.cli import main
 from rtask.cli.changing.new_folder import NewFolder
 from rtask.client import failures
+from tests.clocks import PassedBySleeping
 from tests.rtask.cli.each.tree import walk_commands
 
 pytestmark = pytest.mark.slow
@@ -157,24 +158,11 @@ def test_a_folder_that_another_process_has_begun_to_use_is_not_removed(tmp_path:
     rtask.open(tmp_path / "new", mode="r").close()
 
 
-class _Clock:
-    """Time that passes only while somebody sleeps."""
-
-    def __init__(self) -> None:
-        self.now_s = 0.0
-
-    def monotonic(self) -> float:
-        return self.now_s
-
-    def sleep(self, pause_s: float) -> None:
-        self.now_s += pause_s
-
-
 def test_where_no_server_answers_each_command_ends_with_3(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _write_files(tmp_path)
-    monkeypatch.setattr(failures, "time", _Clock())  # a client tries again for half a minute
+    monkeypatch.setattr(failures, "time", PassedBySleeping())  # half a minute of tries
     names = sorted(_with("--server").keys() - _RUNNING - _OF_FILES)
     codes = {
         name: run(*name.split(), *_CALLS.get(name, "").split(), "--server", "http://127.0.0.1:1")

@@ -20,6 +20,7 @@ from rtask.kb.commit.trials import derivation
 from rtask.kb.commit.trials.derivation import CAN_FORK
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
+from tests.clocks import PassedBySleeping
 
 PREFIXES = (
     "PREFIX rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> "
@@ -90,20 +91,35 @@ def test_a_derivation_is_ended_when_the_server_stops_and_small_commits_are_store
         assert insert(kb, "<urn:c> <urn:p> 1").added == 1
 
 
+def test_what_may_be_derived_grows_with_each_statement() -> None:
+    limits = ReasoningLimits(derived=100, derived_each=7, firings=1_000, firings_each=9)
+    guard = Guard(limits, threading.Event())
+    assert [limits.derived_from(count) for count in (0, 1, 5)] == [100, 107, 135]
+    whole, first = limits.budget(5, guard), limits.first_look(5, guard)
+    assert (whole.derived, whole.firings) == (135, 1_045)
+    assert (first.derived, first.firings) == (135, 1_045)  # never more than the whole
+    wide = ReasoningLimits(derived=10**9, firings=10**9)
+    whole, first = wide.budget(5, guard), wide.first_look(5, guard)
+    assert first.derived < whole.derived
+    assert first.firings < whole.firings
+
+
 def test_the_guard_ends_what_takes_too_long_or_too_much_memory(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    clock, memory = [0.0], [100]
-    monkeypatch.setattr(budget.time, "monotonic", lambda: clock[0])
+    clock, memory = PassedBySleeping(), [100]
+    monkeypatch.setattr(budget, "time", clock)
     monkeypatch.setattr(budget, "resident_bytes", lambda: memory[0])
     guard = Guard(ReasoningLimits(seconds=2.0, memory_bytes=1_000), threading.Event())
     guard()
-    clock[0], memory[0] = 1.0, 1_000
+    clock.now_s, memory[0] = 1.0, 1_000
     guard()
-    clock[0], memory[0] = 1.5, 1_200
+    clock.now_s, memory[0] = 1.5, 1_200
     with pytest.raises(BusyError, match="MiB"):
         guard()
-    clock[0], memory[0] = 2.5, 100
+    clock.now_s, memory[0] = 2.0, 1_100  # as much as is allowed
+    guard()
+    clock.now_s = 2.5
     with pytest.raises(BusyError, match="not derived within 2 s"):
         guard()
 

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -292,7 +293,7 @@ def test_a_clock_set_ahead_by_years_deletes_no_journal(
     with _bare(tmp_path) as kb:
         for number in range(12):
             kb.update(f"INSERT DATA {{ <urn:a> <urn:p> {number} }}")
-        monkeypatch.setattr(journal_module.time, "time", lambda: ahead)
+        monkeypatch.setattr(journal_module, "time", SimpleNamespace(time=lambda: ahead))
         kb.checkpoint()
         assert [entry.seq for entry in kb.history()] == list(range(1, 13))
         monkeypatch.setattr(journal_module, "_AGELESS_BYTES", 4_000)
