@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from rtask.asking.check.findings import Finding
-from rtask.asking.check.fitting import Fitting, reversed_edge
-from rtask.asking.check.names import affinity, words_of
+from rtask.asking.check.fitting import Fitting, is_same_variable, reversed_edge
+from rtask.asking.check.names import affinity, relating_words, words_of
 from rtask.asking.check.repairs import Repairs
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context, Demand, family
@@ -99,7 +99,9 @@ class ByNames:
                     is_odd = usual and self._vocabulary.are_foreign(demand.bits, usual)
                 if not is_odd and not self._is_odd_literal(demand, literals):
                     continue
-                if self._is_named_after(demand, edge) or self._fitting.is_attested(edge, context):
+                if self._is_named_after(demand, edge) or self._is_said_so(demand, context):
+                    continue
+                if self._fitting.is_attested(edge, context):
                     continue
                 self._blamed.add(id(edge))
                 node = edge.steps[0].node
@@ -119,7 +121,8 @@ class ByNames:
         if usual is None:
             return self._is_literal_of_thing(demand)
         if demand.is_thing:
-            return True
+            # "held" and "next" begin heldBy and nextState: such a word may stand for a thing, too
+            return demand.node.value.lower() not in relating_words(self._vocabulary)
         kinds = {family(kind) for kind in demand.datatypes}
         if not kinds or "" in kinds | usual or kinds & usual:
             return False
@@ -131,14 +134,35 @@ class ByNames:
         What is called ``?plan`` may be a task plan, though the questions know other plans.
         """
         step = edge.steps[0]
+        if step.node.value == TYPE:
+            return edge.object.kind == "iri" and self._is_called(demand.node, edge.object.value)
         axioms = self._vocabulary.properties.get(step.node.value)
-        if axioms is None or step.node.value == TYPE:
+        if axioms is None:
             return False
         if affinity(demand.node.value, step.node.value, self._vocabulary) > 0:
             return True
         kinds = axioms.classes[1 - demand.at if step.is_inverse else demand.at]
         named = {word for iri in kinds for word in words_of(local(iri))}
         return bool(named.intersection(words_of(demand.node.value)))
+
+    def _is_called(self, node: Node, iri: str) -> bool:
+        """Return whether a variable has a word of a class in its name."""
+        return bool(set(words_of(local(iri))).intersection(words_of(node.value)))
+
+    def _is_said_so(self, demand: Demand, context: Context) -> bool:
+        """Return whether the query says itself of which class with such a name a variable is.
+
+        Where ``?plan`` is said to be a task plan, what else is called a plan does not matter.
+        """
+        return any(
+            edge.object.kind == "iri"
+            and is_same_variable(edge.subject, demand.node)
+            and demand.bits is not None
+            and bool(demand.bits & self._vocabulary.below.get(edge.object.value, 0))
+            and self._is_called(demand.node, edge.object.value)
+            for edge in context.edges
+            if len(edge.steps) == 1 and edge.steps[0].node.value == TYPE
+        )
 
     def _is_literal_of_thing(self, demand: Demand) -> bool:
         """Return whether a name of a class stands for a literal that no member of it has."""

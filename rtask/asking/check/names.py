@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from rtask.asking.check.vocabulary import Vocabulary, local
 
-__all__ = ["affinity", "likeness", "properties_named", "words_of"]
+__all__ = ["affinity", "likeness", "properties_named", "relating_words", "words_of"]
 
 _PART = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 
@@ -67,6 +67,16 @@ def properties_named(variable: str, vocabulary: Vocabulary) -> list[str]:
     """Return the properties that may have a word in common with a variable, sorted."""
     index = _properties_by_word(vocabulary)
     return sorted({iri for word in words_of(variable) for iri in index.get(word[:4], ())})
+
+
+@lru_cache(maxsize=4)
+def relating_words(vocabulary: Vocabulary) -> frozenset[str]:
+    """Return the words that names of properties between things begin with, as ``held``."""
+    return frozenset(
+        words[0]
+        for iri, known in vocabulary.properties.items()
+        if known.relates_things and (words := words_of(local(iri)))
+    )
 
 
 @lru_cache(maxsize=4)

@@ -56,6 +56,11 @@ def fresh_queries() -> list[tuple[str, str]]:
     return _further("asking_fresh.rq", "fresh")
 
 
+def later_queries() -> list[tuple[str, str]]:
+    """Return the queries that were written when the figures of the fresh ones were known."""
+    return _further("asking_later.rq", "later")
+
+
 def _further(file: str, stem: str) -> list[tuple[str, str]]:
     texts = (_HERE / file).read_text("utf-8").strip().split("\n\n")
     head = prologue(ontology.PREFIXES)
@@ -133,6 +138,7 @@ def main() -> None:
             ("tuned with", queries(), given.show),
             ("frozen before tuning", unseen_queries(), given.show if given.unseen else ""),
             ("written afterwards", fresh_queries(), given.show if given.unseen else ""),
+            ("written last", later_queries(), given.show if given.unseen else ""),
         ):
             print(f"queries {name}")
             measure(Bench(kb), texts, given.seed, show)
