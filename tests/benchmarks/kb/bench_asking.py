@@ -61,6 +61,11 @@ def blind_queries() -> list[tuple[str, str]]:
     return _further("asking_blind.rq", "blind")
 
 
+def later_queries() -> list[tuple[str, str]]:
+    """Return the queries that were written when the figures of the fresh ones were known."""
+    return _further("asking_later.rq", "later")
+
+
 def _further(file: str, stem: str) -> list[tuple[str, str]]:
     texts = (_HERE / file).read_text("utf-8").strip().split("\n\n")
     head = prologue(ontology.PREFIXES)
@@ -139,6 +144,7 @@ def main() -> None:
             ("frozen before tuning", unseen_queries(), given.show if given.unseen else ""),
             ("written afterwards", fresh_queries(), given.show if given.unseen else ""),
             ("written blind", blind_queries(), given.show if given.unseen else ""),
+            ("written last", later_queries(), given.show if given.unseen else ""),
         ):
             print(f"queries {name}")
             measure(Bench(kb), texts, given.seed, show)

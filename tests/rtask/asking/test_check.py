@@ -103,6 +103,9 @@ def test_an_inherited_domain_and_an_open_vocabulary_are_no_faults(kb: KnowledgeB
         "SELECT ?s ?t { { SELECT ?s { ?s rt:hasGrasp ?g } } UNION { ?t rt:reward ?g } }",
         "CONSTRUCT { ?a rt:notYetThere ?o } { ?a rt:hasOutcome ?o }",
         "DESCRIBE <urn:lab/object/7>",
+        "SELECT ?plan ?step { ?plan a rt:TaskPlan ; rt:hasSubTask ?step }",
+        "SELECT ?held { ?stay rt:placementOf ?held }",
+        "SELECT ?next { ?step rt:feeds ?next }",
     ):
         assert kb.check(HEAD + body) == [], body
 
