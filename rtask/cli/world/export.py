@@ -76,7 +76,7 @@ def _summary(scene: Scene) -> dict[str, object]:
     return {
         "root": scene.root,
         **{f"{kind}s": kinds.count(kind) for kind in ("frame", "robot", "thing", "grasp")},
-        "unplaced": [asdict(one) for one in scene.unplaced],
+        "unplaced": [asdict(left_out) for left_out in scene.unplaced],
         "other_roots": [{"frame": root, "things": things} for root, things in scene.other_roots],
     }
 
@@ -95,7 +95,7 @@ def _announce(as_json: bool, summary: dict[str, object]) -> None:
     unplaced, others = summary["unplaced"], summary["other_roots"]
     assert isinstance(unplaced, list)
     assert isinstance(others, list)
-    for one in unplaced:
-        click.echo(f"not drawn: {one['label']}: {one['reason']}", err=True)
+    for left_out in unplaced:
+        click.echo(f"not drawn: {left_out['label']}: {left_out['reason']}", err=True)
     for other in others:
         click.echo(f"another tree: --frame {other['frame']} ({other['things']} things)", err=True)

@@ -177,10 +177,10 @@ class PlacementIndex:
         """
         with self._lock:
             self._catch_up()
-            kept = np.ones(len(self._nodes), bool)
-            kept[list(self._gone)] = False
+            staying = np.ones(len(self._nodes), bool)
+            staying[list(self._gone)] = False
             tail = [moment for e in self._tail.values() for moment in (e.begin, e.end)]
-            times = np.concatenate([self._begins[kept], self._ends[kept], np.array(tail)])
+            times = np.concatenate([self._begins[staying], self._ends[staying], np.array(tail)])
             times = times[np.isfinite(times)]
             if not len(times):
                 return None
@@ -305,14 +305,14 @@ class PlacementIndex:
 
     def _sort(self, entries: Sequence[Entry]) -> None:
         """Sort placements in, and leave out the rows that are gone."""
-        kept = np.ones(len(self._nodes), bool)
-        kept[list(self._gone)] = False
-        nodes = [*itertools.compress(self._nodes, kept), *(entry.node for entry in entries)]
-        subjects = _joined(self._subjects, kept, [entry.subject for entry in entries])
-        begins = _joined(self._begins, kept, [entry.begin for entry in entries])
-        ends = _joined(self._ends, kept, [entry.end for entry in entries])
-        frames = _joined(self._frames, kept, [entry.frame for entry in entries])
-        positions = _joined(self._positions, kept, [(e.x, e.y, e.z) for e in entries])
+        staying = np.ones(len(self._nodes), bool)
+        staying[list(self._gone)] = False
+        nodes = [*itertools.compress(self._nodes, staying), *(entry.node for entry in entries)]
+        subjects = _joined(self._subjects, staying, [entry.subject for entry in entries])
+        begins = _joined(self._begins, staying, [entry.begin for entry in entries])
+        ends = _joined(self._ends, staying, [entry.end for entry in entries])
+        frames = _joined(self._frames, staying, [entry.frame for entry in entries])
+        positions = _joined(self._positions, staying, [(e.x, e.y, e.z) for e in entries])
         order = _order(subjects, begins, nodes)
         self._subjects, self._begins, self._ends = subjects[order], begins[order], ends[order]
         self._frames, self._positions = frames[order], positions[order]
@@ -327,9 +327,9 @@ class PlacementIndex:
         return self._numbers.setdefault(name, len(self._numbers))
 
 
-def _joined(old: NDArray[Any], kept: NDArray[np.bool_], new: Sequence[object]) -> NDArray[Any]:
-    """Return the rows of a column that are kept, and new ones."""
-    return np.concatenate([old[kept], np.array(new, old.dtype).reshape(-1, *old.shape[1:])])
+def _joined(old: NDArray[Any], staying: NDArray[np.bool_], new: Sequence[object]) -> NDArray[Any]:
+    """Return the rows of a column that stay, and new ones."""
+    return np.concatenate([old[staying], np.array(new, old.dtype).reshape(-1, *old.shape[1:])])
 
 
 def _order(

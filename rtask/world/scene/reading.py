@@ -23,9 +23,9 @@ from rtask.world.spots import Spot, Spots
 if TYPE_CHECKING:
     from rtask.world.state import WorldState
 
-__all__ = ["MAX_FRAMES", "MAX_THINGS", "read_scene"]
+__all__ = ["MAX_EXEMPLARS", "MAX_FRAMES", "read_scene"]
 
-MAX_THINGS = 2_000
+MAX_EXEMPLARS = 2_000
 MAX_FRAMES = 5_000
 """Things and frames of one scene."""
 _RELATIONS = {"on": "on", "in": "in", "held_by": "held by", "at": "at"}
@@ -56,7 +56,7 @@ def read_scene(
     """
     reader = _Reader(world, time_s)
     reader.read_frames()
-    reader.read_things()
+    reader.read_exemplars()
     if frame is None:
         root = reader.fullest_root()
     else:
@@ -68,14 +68,14 @@ def read_scene(
 
 
 @dataclass(frozen=True, eq=False)
-class _Thing:
+class _Located:
     """A thing with a pose: the frame above it, and its pose (4, 4), m, there."""
 
     iri: str
     placement: Placement
     spot: Spot
     parent: str
-    parent_from_thing: NDArray[np.float64]
+    parent_from_exemplar: NDArray[np.float64]
 
 
 @dataclass
@@ -84,7 +84,7 @@ class _Reader:
     time_s: float
     _rooted: dict[str, Rooted] = field(default_factory=dict)
     _robots: dict[str, list[str]] = field(default_factory=dict)
-    _things: list[_Thing] = field(default_factory=list)
+    _located: list[_Located] = field(default_factory=list)
     _unplaced: list[Unplaced] = field(default_factory=list)
 
     def read_frames(self) -> None:
@@ -105,12 +105,12 @@ class _Reader:
                 if quad.subject.value not in robots:
                     robots.append(quad.subject.value)
 
-    def read_things(self) -> None:
+    def read_exemplars(self) -> None:
         """Read the things that have a place."""
         spots = Spots(self.world, self.time_s)
-        things = spots.placed(MAX_THINGS)
-        if len(things) > MAX_THINGS:
-            raise TooLargeError(f"a scene has at most {MAX_THINGS} things; there are more")
+        things = spots.placed(MAX_EXEMPLARS)
+        if len(things) > MAX_EXEMPLARS:
+            raise TooLargeError(f"a scene has at most {MAX_EXEMPLARS} things; there are more")
         for thing in things:
             placement = self.world.placement_at(thing, self.time_s)
             if placement is None:
@@ -120,7 +120,7 @@ class _Reader:
                 reason = self._why_unplaced(placement)
                 self._unplaced.append(Unplaced(thing, label_of(self.world, thing), reason))
             else:
-                self._things.append(self._placed(thing, placement, spot))
+                self._located.append(self._placed(thing, placement, spot))
 
     def fullest_root(self) -> str:
         """Return the root of the tree in which most things are, then most frames; "" for none."""
@@ -145,12 +145,12 @@ class _Reader:
             add("frame", frame, parent, pose, self.world.frames.name_of(frame))
             for robot in self._robots.get(frame, ()):
                 add("robot", robot, frame, np.eye(4))
-        shown = [thing for thing in self._things if thing.spot.root == root]
+        shown = [thing for thing in self._located if thing.spot.root == root]
         products = {thing.iri: self.world.product_of(thing.iri) for thing in shown}
         grasps = grasps_of(self.world.kb, set(products.values()) - {""}, max_grasps)
         for thing in shown:
             product = products[thing.iri]
-            add("thing", thing.iri, thing.parent, thing.parent_from_thing,
+            add("thing", thing.iri, thing.parent, thing.parent_from_exemplar,
                 size_m=self._size(product), facts=self._facts(thing, product))  # fmt: skip
             for grasp in grasps.get(product, ()):
                 _add_grasp(nodes, number[thing.iri], grasp)
@@ -174,22 +174,22 @@ class _Reader:
 
         A frame alone, in which nothing was seen and no robot stands, is not worth a scene.
         """
-        things = Counter(thing.spot.root for thing in self._things)
+        things = Counter(thing.spot.root for thing in self._located)
         frames = Counter(rooted.root for rooted in self._rooted.values())
         return {
             root: (things[root], frames[root]) for root in {*things, *frames}
             if things[root] or frames[root] > 1 or root in self._robots
         }  # fmt: skip
 
-    def _placed(self, thing: str, placement: Placement, spot: Spot) -> _Thing:
+    def _placed(self, thing: str, placement: Placement, spot: Spot) -> _Located:
         """Return a thing below the frame in which it was measured, if that still tells its place.
 
         A robot's frame does not: the robot may have moved since. Nor does a place without a pose.
         """
         frame, pose = placement.frame, placement.frame_from_subject
         if pose is not None and frame != spot.root and not self.world.frames.is_of_robot(frame):
-            return _Thing(thing, placement, spot, frame, pose)
-        return _Thing(thing, placement, spot, spot.root, spot.root_from_node)
+            return _Located(thing, placement, spot, frame, pose)
+        return _Located(thing, placement, spot, spot.root, spot.root_from_node)
 
     def _why_unplaced(self, placement: Placement) -> str:
         words = _RELATIONS[placement.relation]
@@ -198,7 +198,7 @@ class _Reader:
             return f"{words} {place}, whose pose is not known"
         return self.world.frames.rooted(placement.frame, self.time_s, placement.begin).fault
 
-    def _facts(self, thing: _Thing, product: str) -> dict[str, Fact]:
+    def _facts(self, thing: _Located, product: str) -> dict[str, Fact]:
         placement = thing.placement
         facts: dict[str, Fact] = {
             "product": product, "relation": placement.relation, "place": placement.place,
