@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from rtask.asking.check.findings import Finding
 from rtask.asking.check.fitting import Fitting, is_same_variable, reversed_edge
-from rtask.asking.check.names import affinity, relating_words, words_of
+from rtask.asking.check.names import affinity, is_in_literal, relating_words, words_of
 from rtask.asking.check.repairs import Repairs
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context, Demand, family
@@ -121,8 +121,12 @@ class ByNames:
         if usual is None:
             return self._is_literal_of_thing(demand)
         if demand.is_thing:
-            # "held" and "next" begin heldBy and nextState: such a word may stand for a thing, too
-            return demand.node.value.lower() not in relating_words(self._vocabulary)
+            # "held" and "next" begin heldBy and nextState, and "then" is in the name of nothing:
+            # such words may stand for a thing, too
+            word = demand.node.value.lower()
+            return word not in relating_words(self._vocabulary) and is_in_literal(
+                word, self._vocabulary
+            )
         kinds = {family(kind) for kind in demand.datatypes}
         if not kinds or "" in kinds | usual or kinds & usual:
             return False

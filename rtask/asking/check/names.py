@@ -8,7 +8,14 @@ from functools import lru_cache
 
 from rtask.asking.check.vocabulary import Vocabulary, local
 
-__all__ = ["affinity", "likeness", "properties_named", "relating_words", "words_of"]
+__all__ = [
+    "affinity",
+    "is_in_literal",
+    "likeness",
+    "properties_named",
+    "relating_words",
+    "words_of",
+]
 
 _PART = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 
@@ -76,6 +83,14 @@ def relating_words(vocabulary: Vocabulary) -> frozenset[str]:
         words[0]
         for iri, known in vocabulary.properties.items()
         if known.relates_things and (words := words_of(local(iri)))
+    )
+
+
+def is_in_literal(word: str, vocabulary: Vocabulary) -> bool:
+    """Return whether a word is in the name, or label, of a property of literals."""
+    return any(
+        vocabulary.properties[iri].relates_things is False and affinity(word, iri, vocabulary) > 0
+        for iri in properties_named(word, vocabulary)
     )
 
 
