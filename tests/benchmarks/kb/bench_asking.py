@@ -63,7 +63,7 @@ def blind_queries() -> list[tuple[str, str]]:
 
 def later_queries() -> list[tuple[str, str]]:
     """Return the queries that were written when the figures of the fresh ones were known."""
-    return _further("asking_later.rq", "later")
+    return _further("asking_later.rq", "later") + _further("asking_last.rq", "last")
 
 
 def _further(file: str, stem: str) -> list[tuple[str, str]]:

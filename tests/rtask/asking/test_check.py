@@ -106,6 +106,7 @@ def test_an_inherited_domain_and_an_open_vocabulary_are_no_faults(kb: KnowledgeB
         "SELECT ?plan ?step { ?plan a rt:TaskPlan ; rt:hasSubTask ?step }",
         "SELECT ?held { ?stay rt:placementOf ?held }",
         "SELECT ?next { ?step rt:feeds ?next }",
+        "SELECT ?then { ?experience rt:nextState ?then }",
     ):
         assert kb.check(HEAD + body) == [], body
 
