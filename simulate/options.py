@@ -22,7 +22,6 @@ __all__ = [
     "robot",
     "robots_in_turn",
     "robots_of_demo",
-    "runs_trials",
     "seed",
     "trials",
     "workers",
@@ -140,14 +139,3 @@ def out(default: str) -> Option:
     return click.option(
         "--out", default=default, show_default=True, type=folder(), help="Output folder."
     )
-
-
-def runs_trials(default_out: str) -> Option:
-    """Return a decorator that adds the options of a study: workers, preset, out, resume, JSON."""
-
-    def decorate(command: Command) -> Command:
-        for add in (json_flag(), resume, out(default_out), preset, workers):
-            command = add(command)
-        return command
-
-    return decorate

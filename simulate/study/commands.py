@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 from simulate import options
-from simulate.study.command import print_table, study_command
+from simulate.study.command import study_command
 
 if TYPE_CHECKING:
     from simulate.study.declaration import Study
 
-__all__ = ["grasping", "judging", "learn", "print_table", "table4", "table5"]
+__all__ = ["grasping", "judging", "learn", "table4", "table5"]
 
 
 @study_command("rtask-grasping")

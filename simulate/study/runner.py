@@ -13,7 +13,7 @@ from simulate.study.declaration import Study
 from simulate.study.journal import Journal
 from simulate.study.workers import run_trials
 
-__all__ = ["Progress", "Study", "run"]
+__all__ = ["Progress", "run"]
 
 
 class Progress:
