@@ -29,8 +29,14 @@ from endpoint.follow.events import (
 from endpoint.follow.job_events import JobStream, is_followed
 from endpoint.follow.replication import RecordStream
 from endpoint.follow.socket import ChangeSocket
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
-from endpoint.http.parameters import refuse_unknown
+from endpoint.http.messages import (
+    JSON_TYPE,
+    RefusedError,
+    Request,
+    Response,
+    refuse_unknown,
+    require_method,
+)
 from endpoint.http.websocket import Message, Receive, Transmit, refuse_handshake
 from endpoint.rosbridge.messages import encode, parse
 from endpoint.routes import Route, find

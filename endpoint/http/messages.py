@@ -6,10 +6,11 @@ Handlers know only these two classes, so the same ones answer under Flask, under
 from __future__ import annotations
 
 import binascii
+import difflib
 import itertools
 import re
 import secrets
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
@@ -18,6 +19,8 @@ from urllib.parse import unquote
 from rtask.errors import TRANSIENT_STATUSES, RtaskError
 
 _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
+# SPARQLWrapper and others send these beside the Accept header, which says the same and counts.
+_OF_CLIENTS = ("format", "output", "results")
 MAX_FIELDS = 2_000
 _REQUEST_ID = re.compile(r"[A-Za-z0-9_-]{8,64}")
 _RUN = secrets.token_hex(4)
@@ -279,3 +282,30 @@ class Response:
         if self.media_type:
             own.insert(0, ("Content-Type", self.media_type))
         return own
+
+
+def refuse_unknown(names: Iterable[str], allowed: Sequence[str]) -> None:
+    """Refuse a parameter without a meaning here: ignored, it would seem to have had its effect.
+
+    Parameters
+    ----------
+    names
+        Those of the request.
+    allowed
+        Those that the address understands.
+
+    Raises
+    ------
+    RefusedError
+        400 with the name, and the one that was probably meant.
+    """
+    for name in names:
+        if name not in allowed and name not in _OF_CLIENTS:
+            near = difflib.get_close_matches(name, allowed, 1)
+            hint = f"did you mean `{near[0]}`? " if near else ""
+            raise RefusedError(
+                400,
+                "usage",
+                f"unknown parameter `{name[:80]}`; {hint}There are {', '.join(allowed)}",
+                parameter=name[:80],
+            )

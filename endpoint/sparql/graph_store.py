@@ -21,9 +21,9 @@ from endpoint.http.messages import (
     RefusedError,
     Request,
     Response,
+    refuse_unknown,
     split_media_type,
 )
-from endpoint.http.parameters import refuse_unknown
 from endpoint.http.plan import Plan, RunningQuery
 from endpoint.routes.addresses import STORE
 from endpoint.served import ServedGraph, embedded

@@ -12,8 +12,8 @@ from endpoint.http.messages import (
     RefusedError,
     Request,
     parse_fields,
+    refuse_unknown,
 )
-from endpoint.http.parameters import refuse_unknown
 from rtask.errors import DataError
 from rtask.rdf.terms import NamedNode, iri
 
