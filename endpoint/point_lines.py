@@ -56,7 +56,7 @@ class PointQuery:
         As it is sent to a reader.
     text
         SPARQL.
-    come
+    on_answer
         Called once: with the whole answer; with a stream, whose first pieces have come; or with
         what to do instead.
     """

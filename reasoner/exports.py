@@ -79,7 +79,7 @@ def missing_and_surplus(
 
     Parameters
     ----------
-    found : iterable of Triple
+    stored_triples : iterable of Triple
         The content of the store's inferred graph; read once.
 
     Returns

@@ -34,7 +34,7 @@ class Scan:
     colours : (n, 3) uint8 RGB
     trust : (n,) float32
         See :func:`features.modelling.fusion.oriented_points`.
-    told : (4, 4) float64
+    prior_pose : (4, 4) float64
         ``object_from_camera`` as it was known before registration.
     pivot : (3,) float64, m, object frame
         Point about which an error of ``prior_pose`` turns.

@@ -32,7 +32,7 @@ class SegmentationScore:
     over, under
         Share of true pixels outside their segment's best found one; share of pixels that the best
         found segments take from elsewhere.
-    true_count, found_count
+    true_count, predicted_count
         Segments.
     """
 
@@ -56,7 +56,7 @@ def score_labels(
 
     Parameters
     ----------
-    found, truth : same shape, integer
+    predicted, truth : same shape, integer
         0 = no object; other numbers need not agree or be consecutive.
     valid : same shape, bool, or None
         Pixels whose truth is known; None = all.

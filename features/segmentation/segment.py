@@ -69,7 +69,7 @@ class SegmentParams:
         False segments the whole cloud when there is no table.
     overhang_m
         How far an object may stick out of the visible table; 0 = cut it off there.
-    thin_things
+    thin_objects
         Find what is lower than ``height_min_m`` by its colour, in organised clouds with colours.
     """
 

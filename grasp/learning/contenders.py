@@ -62,7 +62,7 @@ class Contender(Protocol):
 
         Parameters
         ----------
-        thing
+        number
             Number of the object in the world.
         luck
             Decides.

@@ -73,7 +73,7 @@ class Watch:
 
     Parameters
     ----------
-    wanted
+    total
         Number of trials in all, for ``progress``.
     progress
         Called in this thread after each range.

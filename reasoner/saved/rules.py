@@ -41,6 +41,8 @@ def rules_to_data(rules: Iterable[Rule], places: Mapping[Rule, int] | None = Non
     places : mapping of Rule to int, optional
         Rules of which the reader has a list; these are written as their places in it.
 
+    Examples
+    --------
     >>> rule = Rule("cls-hv2", (Atom(-1, 300, 301),), Atom(-1, 0, 302), ((302, 7, 301),))
     >>> rules_from_data(rules_to_data([rule])) == [rule]
     True

@@ -121,7 +121,7 @@ def read_schema(
     primary
         Namespace whose names are used unchanged; equal names from other namespaces get the prefix
         of their vocabulary.
-    is_known
+    find_model
         Tells whether an IRI is a class that is defined elsewhere.
     """
     triples = list(triples)

@@ -75,7 +75,7 @@ class _Try:
 
     Parameters
     ----------
-    encounter, thing
+    encounter, track
         The object, as it is accounted for and as it is tracked.
     observation
         Its view, as a message.

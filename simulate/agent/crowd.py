@@ -82,7 +82,7 @@ class Crowd:
 
         Parameters
         ----------
-        things
+        tracks
             Whose grasps are wanted, as the view shows them.
         request
             Further fields: the gripper, the frame's name, the seed.

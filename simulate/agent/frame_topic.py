@@ -128,7 +128,7 @@ class FramePublisher:
 class FrameKeeper:
     """Subscriber that keeps the latest frame of a robot.
 
-    Parameters
+    Attributes
     ----------
     frame
         None before the first message.

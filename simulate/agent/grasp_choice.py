@@ -54,7 +54,7 @@ def choose_grasp(
     ----------
     body
         Robot that plans.
-    thing
+    track
         The object.
     view
         View that shows it; its other objects are obstacles.

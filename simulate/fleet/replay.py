@@ -185,7 +185,7 @@ class Player:
 
         Parameters
         ----------
-        told
+        reports
             Attempts that the graph remembers.
         source
             Product on which they were made; None = this one.

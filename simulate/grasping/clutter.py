@@ -89,7 +89,7 @@ def pick_from(
 
     Parameters
     ----------
-    found
+    proposals
         Ranked grasps of the view.
     tries
         How many of them at most.

@@ -224,7 +224,7 @@ def judge_placed(
 
     Parameters
     ----------
-    kept
+    is_gripped
         Whether the hand still held something at the end of the transport. If not, what is new at
         the place may be an object that leans on its rim, or what the object pushed about, unless
         there is as much of it as of the object.

@@ -140,7 +140,7 @@ def off_goal(
         Its ``goal_tolerance`` says how far each joint may be off; 0.05 rad where it does not.
     joints
         Of the arm.
-    wanted, measured : (dof,) float, rad
+    target, measured : (dof,) float, rad
     """
     allowed = {}
     for tolerance in goal.get("goal_tolerance") or ():

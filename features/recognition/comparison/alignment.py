@@ -52,7 +52,7 @@ class AlignmentParams:
         Of the affine map where no homography holds.
     min_homography_matches
         Fewer matches fit any homography.
-    min_kept
+    min_agreeing
         Share of the affine map's inliers that the homography has to keep.
     max_perspective
         Ratio of the projective denominators at the inliers: more is no view of a flat print.

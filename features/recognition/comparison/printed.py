@@ -100,7 +100,7 @@ def printed_objects(
     ----------
     views
         Numbers of the views to compare.
-    wanted, first
+    required, first
         Objects that are asked about, besides so many with most matches: of the others some may be
         left out, since the facts of a view take long where it was not compared before.
     """

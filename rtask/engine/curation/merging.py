@@ -51,7 +51,7 @@ def merge_objects(context: Context, target: NamedNode, other: NamedNode, author:
 
     Parameters
     ----------
-    kept, other
+    target, other
         IRIs of objects.
 
     Raises

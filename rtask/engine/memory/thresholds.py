@@ -59,7 +59,7 @@ class Assessment:
 
     Parameters
     ----------
-    known
+    recognised
         The recognised object, or None.
     pose
         Pose of the object; None if stored data do not determine it.

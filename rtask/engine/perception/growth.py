@@ -81,7 +81,7 @@ def grow(
 
     Parameters
     ----------
-    thing
+    object_iri
         The object; None for a new one.
     object_from_camera : (4, 4) float64, m
         Pose of the camera in the object's frame, or None if unknown.

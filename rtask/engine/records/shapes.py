@@ -44,7 +44,7 @@ class ObjectShape:
 
     Parameters
     ----------
-    thing
+    object_iri
         IRI of the object.
     kind
         ``mesh``, ``model`` (the cloud grown from its views) or ``views``.

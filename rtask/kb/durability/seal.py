@@ -24,7 +24,7 @@ def seal(journal: JournalFile, earlier: Seal | None = None) -> Seal:
 
     Parameters
     ----------
-    known
+    earlier
         An earlier seal. Only the last segment is ever written to, so the checksums of the others
         are copied from it where the size is the same.
     """

@@ -168,7 +168,7 @@ class Derived:
     ----------
     removed
         Can be asked for a quad without looking at all of them.
-    kept
+    inferred
         All that stays in the inferred graph; ``None`` where only the store knows.
     """
 

@@ -28,7 +28,7 @@ class Writes:
     has_union
         Whether what is added to the default graph belongs to the union of the named graphs, so
         that it may be there already.
-    kept
+    inferred
         All that one of the graphs goes on holding, where that is known without reading it.
     """
 

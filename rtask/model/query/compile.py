@@ -297,7 +297,7 @@ def _aggregate_text(
     ----------
     shown
         Number of columns to return; the others are only compared.
-    kept
+    conditions
         Filters of the groups.
     """
     by = [f"?group{at}" for at in range(len(groups))]

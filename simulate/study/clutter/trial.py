@@ -54,7 +54,7 @@ class Table:
     ----------
     cell
         World, robot, executor.
-    things
+    contents
         By body.
     touching
         Pairs of things that touch.

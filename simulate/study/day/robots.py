@@ -41,7 +41,7 @@ class Robot:
         Its name, and the table at which it stands.
     errors
         Counts of what the graph took for another thing than it was, by the true name.
-    known
+    identified
         True thing of each IRI that the graph gave, for judging only.
     """
 

@@ -71,7 +71,7 @@ class Bench:
 
     Parameters
     ----------
-    thing
+    item
         The object.
     mesh
         Of it, in its own frame: the origin is the centre of mass.
