@@ -66,7 +66,7 @@ test: $(READY)  ## run the tests but for the deep ones; ARGS="-k name" passes op
 	@$(BIN)/python -m pytest $(IN_PARALLEL) $(ARGS)
 
 test-quick: $(READY)  ## run the tests that are not slow; ARGS as above
-	@$(BIN)/python -m pytest -q $(IN_PARALLEL) -m "not slow and not deep and not browser" $(ARGS)
+	@$(BIN)/python -m pytest -q $(IN_PARALLEL) -p no:schemathesis -m "not slow and not deep and not browser" $(ARGS)
 
 test-deep: $(READY)  ## run the tests of large sizes and many draws, which `make test` leaves out
 	@$(BIN)/python -m pytest $(IN_PARALLEL) -m deep tests $(ARGS)

@@ -153,6 +153,7 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
     assert call("trace_thing", {"name": seen_thing}).to_dict()["places"]
     assert call("locate_frame", {"frame": "table", "target": "map"}).to_dict()["known"]
     call("end_step", {"robot": "urn:lab/robot/panda-1", "task": step["task"], "result": "done"})
+    assert call("explain_failure", {"subject": stored}).to_dict()["text"]
     assert [one["state"] for one in call("list_plans", {}).to_dict()["plans"]] == ["running"]
     call("cancel_plan", {"plan": stored, "reason": "enough"})
     assert call.called == {

@@ -16,6 +16,7 @@ from rtask.tasks.names import names_of
 
 __all__ = ["read_failure"]
 
+_NOTHING = "<urn:rtask:nothing>"
 _MAX_OTHERS = 400
 _SUBJECT = """
 # The latest attempt that is meant, failed ones first, and the planned step that it carried out.
@@ -226,7 +227,7 @@ def _around(
 
 
 def _others(select: Select, product: str, attempt: str, tried: Try) -> tuple[Try, ...]:
-    hand = str(NamedNode(tried.hand.iri)) if tried.hand.iri else "rt:none"
+    hand = str(NamedNode(tried.hand.iri)) if tried.hand.iri else _NOTHING
     rows = select(PREFIXES + _OTHERS % (product, hand, _MAX_OTHERS))
     seen: dict[str, Try] = {}
     for row in rows:
@@ -261,7 +262,7 @@ def _placements(
 def _neighbours(select: Select, tried: Try) -> tuple[str, ...]:
     if not tried.place:
         return ()
-    thing = str(NamedNode(tried.thing)) if tried.thing else "rt:none"
+    thing = str(NamedNode(tried.thing)) if tried.thing else _NOTHING
     rows = select(PREFIXES + _NEIGHBOURS % (NamedNode(tried.place), thing))
     return tuple(sorted(_text(row, "thing") for row in rows))
 

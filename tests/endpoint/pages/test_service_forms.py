@@ -184,6 +184,7 @@ def _remember(forms: Forms) -> None:
     stored = ask("store_plan", goal=plan["goal"], digest=plan["digest"])["task"]
     panda = {"robot": "urn:lab/robot/panda-1"}
     assert ask("end_step", task=ask("claim_step", **panda)["task"], result="done", **panda)
+    assert ask("explain_failure", subject=stored)["text"]
     assert ask("state_place", thing="urn:lab/thing/3", place="urn:lab/place/right")["commit"]
     assert ask("state_frame", frame="table")["commit"]
     pose = {"position": dict.fromkeys("xyz", 0.5), "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}

@@ -37,7 +37,7 @@ _OTHERS = {
 _READING = {
     "ask", "contributors list", "dataset diff", "dataset get", "dataset list", "dataset show",
     "episodes ask", "objects list", "objects show", "query", "recognise", "search", "tasks list",
-    "token list", "where",
+    "token list", "where", "why",
 }  # fmt: skip
 """Commands that open what changing commands open, too."""
 _CHANGING = (
