@@ -29,12 +29,14 @@ SELECT ?attempt ?step ?ok ?ended WHERE {
   OPTIONAL { ?attempt prov:endedAtTime ?ended }
 } ORDER BY ?ok DESC(?ended) DESC(?attempt) LIMIT 1"""
 _STEP = """
-# The planned step that is meant and ended last, failed ones first.
+# The planned step that is meant and ended last, failed ones first. One that is still carried out,
+# or was given back, has not failed.
 SELECT ?step ?text ?values ?result ?comment ?begun ?ended ?robot ?deadline ?action WHERE {
   %(s)s rt:hasSubTask* ?step . ?step rt:parameterValues ?values .
   ?claim rt:claims ?step ; prov:startedAtTime ?begun ; prov:wasAssociatedWith ?robot .
   OPTIONAL { ?step rdfs:label ?text }
-  OPTIONAL { ?claim rt:claimResult ?result } OPTIONAL { ?claim rt:claimComment ?comment }
+  ?claim rt:claimResult ?result FILTER(?result IN ("done", "failed", "declined"))
+  OPTIONAL { ?claim rt:claimComment ?comment }
   OPTIONAL { ?claim prov:endedAtTime ?ended }
   OPTIONAL { ?plan rt:hasSubTask ?step ; rt:taskDeadline ?deadline }
 } ORDER BY DESC(?result IN ("failed", "declined")) DESC(?begun) LIMIT 1"""

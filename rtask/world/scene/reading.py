@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,11 +133,11 @@ class _Reader:
         number: dict[str, int] = {}
 
         def add(kind: Kind, node: str, parent: str | None, pose: NDArray[np.float64],
-                label: str = "", **more: object) -> None:  # fmt: skip
+                label: str = "", **more: Any) -> None:  # fmt: skip
             above = None if parent is None else number[parent]
             number.setdefault(node, len(nodes))
             label = label or label_of(self.world, node)
-            nodes.append(SceneNode(kind, node, label, above, pose, **more))  # type: ignore[arg-type]
+            nodes.append(SceneNode(kind, node, label, above, pose, **more))
 
         for frame, rooted in self._frames_below(root):
             parent = rooted.path[1] if len(rooted.path) > 1 else None

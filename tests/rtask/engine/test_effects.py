@@ -88,8 +88,10 @@ def test_what_reads_commits_nothing_and_what_records_or_writes_commits(kb, spied
     owner = {"robot": "urn:arm"}
     step = call("claim_step", Access(), **owner)
     call("end_step", Access(), task=step["task"], result="released", **owner)
-    assert call("explain_failure", nao, subject=plan["task"])["step"] == step["task"]
     assert call("list_plans", nao)["plans"][0]["state"] == "waiting"
+    call("claim_step", Access(), **owner)
+    call("end_step", Access(), task=step["task"], result="failed", **owner)
+    assert call("explain_failure", nao, subject=plan["task"])["step"] == step["task"]
     call("state_place", TEACHER, thing="urn:cup", lost=True)
     call("state_place", TEACHER, thing="urn:cup", place="urn:shelf")
     for name in ("map", "table"):

@@ -124,6 +124,17 @@ def test_a_step_that_ended_without_an_attempt_has_a_cause(engine, result, commen
         assert (answer.step, answer.attempt) == (step.task, "")
 
 
+def test_a_step_that_is_carried_out_or_was_given_back_has_not_failed(engine):
+    plan = engine.call("store_plan", {"goal": "every pen into the left box"}, ANN).task
+    step = engine.call("claim_step", {}, NAO).task
+    for result in ("", "released"):
+        if result:
+            engine.call("end_step", {"task": step, "result": result}, NAO)
+        for subject in (plan, step):
+            with pytest.raises(UnknownTermError, match="no step that ended"):
+                engine.call("explain_failure", {"subject": subject}, ANN)
+
+
 def test_the_command_prints_the_cause_and_the_change(tmp_path, capsys):
     with rtask.open(tmp_path / "kb", base=BASE) as kb, Engine(kb) as engine:
         kb.update(LAB)
