@@ -27,6 +27,7 @@ NOW = dt.datetime(2026, 1, 1, 12, tzinfo=dt.UTC)
         ("which robot can hold pens?", "cq03", "Nao can grasp pen; pr2 can grasp pen."),
         ("why did nao refuse the mug?", "cq21", "Nao refused mug: the pose confidence 0.4"),
         ("wich boxes are there?", "cq04", "Boxes: box."),
+        ("how many boxes are there?", "cq04", "Boxes: box."),
         ("red pens", "cq25", "Pen is red; pen is blue"),
         ("which things are slippery?", "cq25", "Mug is slippery; mug is white"),
         ("what colour is the mug?", "cq25", "Mug is white"),
