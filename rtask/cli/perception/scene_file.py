@@ -212,6 +212,8 @@ def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
     from features.codec import CloudFormatError, decode
     from features.codec.image_header import is_image
     from features.codec.limits import Limits, UnknownFormatError
+    from features.codec.types import Cloud
+    from features.imaging.pictures import implausible_cloud
 
     if is_recording(file):
         if file.is_dir() and not (file / "metadata.yaml").is_file():
@@ -234,7 +236,15 @@ def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
     except CloudFormatError as error:
         raise DataError(f"{file}: {error}") from error
     _allow(file, "a cloud", view, ())
+    if isinstance(seen, Cloud):
+        _say_doubt(file, implausible_cloud(seen.positions))
     return seen
+
+
+def _say_doubt(file: Path, doubt: str) -> None:
+    """Say on the error output that the unit of a file is doubtful, if it is."""
+    if doubt:
+        click.echo(f"{file}: {doubt}", err=True)
 
 
 def _allow(file: Path, kind: str, view: View, options: tuple[str, ...]) -> None:
@@ -272,6 +282,7 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
 
     from features.codec.image_header import bits_of, is_cut_off
     from features.imaging.photo import read_photo
+    from features.imaging.pictures import implausible_depth
 
     if is_cut_off(data):
         raise DataError(f"{file}: the PNG is cut off")
@@ -288,6 +299,7 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
     if not 1e-6 <= view.depth_unit_m <= 1.0:
         raise UsageError(f"--depth-unit {view.depth_unit_m} m: expected 0.000001 to 1")
     depth_m = (depth * view.depth_unit_m).astype(np.float32)
+    _say_doubt(file, implausible_depth(depth_m))
     return _with_colour(depth_m, view, _cameras(depth.shape, view), limits)
 
 
