@@ -127,5 +127,9 @@ def _naoqi(address: str, arm: Arm, limits: JointLimits) -> Iterator[NaoqiArm]:
     hands = [alias for alias in arm.aliases if alias in HANDS]
     if not hands:
         raise RobotError(f"{arm.name} is no arm of a NAO; give --robot nao")
-    with naming_extras("--naoqi"), NaoqiArm(address, arm.joints, hands[0], limits) as driver:
+    say = partial(click.echo, err=True)
+    with (
+        naming_extras("--naoqi"),
+        NaoqiArm(address, arm.joints, hands[0], limits, say) as driver,
+    ):
         yield driver
