@@ -17,7 +17,7 @@ from rtask.kb.commit.committer import Committer
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.disk_space import full_disk, means_full
 from rtask.kb.durability.folder import Files
-from rtask.kb.durability.journal import JournalFile, NoJournal
+from rtask.kb.durability.journal import JournalFile, NoJournal, Record
 from rtask.kb.durability.private_copy import PastCopy
 from rtask.kb.durability.recovery import undo_all
 from rtask.kb.feed.feed import Feed
@@ -26,6 +26,9 @@ from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import moment
 
 __all__ = ["commit_at", "copy_as_of"]
+
+_FLUSHED_BYTES = 1 << 20
+"""Undone text from which the copy is flushed: less is read anew from its log by each reader."""
 
 
 def commit_at(files: Files, time: dt.datetime) -> int:
@@ -118,13 +121,21 @@ def _turned_back(
     store = EmbeddedStore(Store(path), path)
     try:
         store.is_view = files.settings.is_view
-        undo_all(store, reversed(list(journal.records(seq))), files.settings.is_merged)
-        if not files.settings.plain:
+        records = list(journal.records(seq))
+        undo_all(store, reversed(records), files.settings.is_merged)
+        # Counting graphs takes longer than undoing a few commits, so only where it can differ.
+        if not files.settings.plain and any(map(_may_lack_some, records)):
             _require_whole(store, graphs, Catalogue(store, graphs), seq)
-        store.flush()
+        if sum(len(record.body) for record in records) > _FLUSHED_BYTES:
+            store.flush()
     finally:
         store.close()
     return EmbeddedStore(Store.read_only(path), path)
+
+
+def _may_lack_some(record: Record) -> bool:
+    """Whether a record may hold less than its commit changed: bulk loads, and lost records."""
+    return bool(record.header.get("partial")) or record.header.get("kind") != "delta"
 
 
 def _require_whole(store: EmbeddedStore, graphs: Graphs, catalogue: Catalogue, seq: int) -> None:
