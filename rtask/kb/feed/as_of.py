@@ -23,7 +23,6 @@ from rtask.kb.durability.recovery import undo_all
 from rtask.kb.feed.feed import Feed
 from rtask.kb.store.embedded import EmbeddedStore, embedded_store
 from rtask.kb.store.graphs import Graphs
-from rtask.rdf.terms import moment
 
 __all__ = ["commit_at", "copy_as_of"]
 
@@ -44,14 +43,12 @@ def commit_at(files: Files, time: dt.datetime) -> int:
     UnsupportedError
         The store keeps no journal.
     """
-    latest = first = None
-    for record in _journal(files).records(0):
-        first = record.seq if first is None else first
-        if moment(str(record.header.get("time") or "")) <= time:
-            latest = record.seq
-    if latest is None and first is not None and first > 1:
-        raise GoneError(f"the journal begins at commit {first}, which is after {time.isoformat()}")
-    return latest or 0
+    first, latest = _journal(files).marks.at(time)
+    if latest is None and first is not None and first.seq > 1:
+        raise GoneError(
+            f"the journal begins at commit {first.seq}, which is after {time.isoformat()}"
+        )
+    return 0 if latest is None else latest.seq
 
 
 def copy_as_of(
@@ -121,7 +118,7 @@ def _turned_back(
     store = EmbeddedStore(Store(path), path)
     try:
         store.is_view = files.settings.is_view
-        records = list(journal.records(seq))
+        records = _records_after(journal, seq)
         undo_all(store, reversed(records), files.settings.is_merged)
         # Counting graphs takes longer than undoing a few commits, so only where it can differ.
         if not files.settings.plain and any(map(_may_lack_some, records)):
@@ -131,6 +128,12 @@ def _turned_back(
     finally:
         store.close()
     return EmbeddedStore(Store.read_only(path), path)
+
+
+def _records_after(journal: JournalFile, seq: int) -> list[Record]:
+    """Return the records after a commit, oldest first, without reading those before."""
+    mark = next(journal.marks.after(seq), None)
+    return [] if mark is None else list(journal.records_from(mark.segment, mark.start))
 
 
 def _may_lack_some(record: Record) -> bool:
