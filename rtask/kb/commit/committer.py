@@ -146,7 +146,7 @@ class Committer:
         self._check_version(request)
         self._check_rights(change, request)
         if not (request.trusted or self.plain):
-            require_schema(change, request.access, self.graphs, self.graphs.is_input)
+            require_schema(change, request.access, self.graphs, self.catalogue.declared)
         if not request.trusted:
             self._check_literals(change)
         return is_empty
