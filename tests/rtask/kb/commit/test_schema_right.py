@@ -115,7 +115,7 @@ def test_an_axiom_that_reaches_terms_of_others_needs_the_right(
 def test_what_is_said_about_a_term_of_an_ontology_needs_the_right(
     kb: KnowledgeBase, statement: str
 ) -> None:
-    with pytest.raises(ForbiddenError, match="term of the schema|an axiom") as refused:
+    with pytest.raises(ForbiddenError, match=r"term of the schema|an axiom") as refused:
         insert(kb, statement)
     assert refused.value.details["right"] == "schema"
     assert refused.value.details["statement"] in str(refused.value)
