@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 from pyoxigraph import Quad
 
 import ontology
-from rtask.kb.commit.declared_terms import declared_terms
 from rtask.kb.durability.blobs import Blob
 from rtask.kb.durability.journal import CommitRecord
+from rtask.kb.store.declared_terms import declared_terms
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs, graph_class
 from rtask.kb.store.overlay import Overlay
@@ -140,7 +140,7 @@ class Catalogue:
         return self.kind(graph) == _ONTOLOGY
 
     def declared(self) -> frozenset[NamedNode]:
-        """Return the terms that the ontologies declare; see :mod:`.declared_terms`."""
+        """Return the terms that the ontologies declare; see :mod:`rtask.kb.store.declared_terms`."""
         if self._declared is None:
             self._declared = frozenset(declared_terms(self.store, self.ontologies()))
         return self._declared
