@@ -140,7 +140,7 @@ class Catalogue:
         return self.kind(graph) == _ONTOLOGY
 
     def declared(self) -> frozenset[NamedNode]:
-        """Return the terms that the ontologies declare; see :mod:`rtask.kb.store.declared_terms`."""
+        """Return what :func:`rtask.kb.store.declared_terms.declared_terms` yields now."""
         if self._declared is None:
             self._declared = frozenset(declared_terms(self.store, self.ontologies()))
         return self._declared
