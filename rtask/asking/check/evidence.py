@@ -11,6 +11,7 @@ from itertools import islice
 
 from pyoxigraph import Literal, NamedNode
 
+import ontology
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.vocabulary import TOP, Vocabulary
 from rtask.kb.core import GraphCore
@@ -80,7 +81,8 @@ class Evidence:
         """Return the bits of the classes of all subjects, or values, of a property.
 
         None where there are none, too many to look at, some of no known class, or ones of several
-        classes that have only a superclass of an upper ontology in common.
+        classes: these count only for our own properties, and with a superclass in common that is
+        not of an upper ontology.
         """
         key = ("ends", iri, at)
         if key not in self._answers:
@@ -104,10 +106,14 @@ class Evidence:
             specific.update(vocabulary.most_specific(kinds))
             for kind in kinds:
                 bits |= vocabulary.bit[kind]
-        return (bits or None) if len(specific) < 2 else vocabulary.below_all(specific)
+        if len(specific) < 2:
+            return bits or None
+        return vocabulary.below_all(specific) if iri.startswith(ontology.NS) else None
 
     def is_of_terms(self, iri: str, vocabulary: Vocabulary) -> bool:
         """Return whether all that the graph says with a property is about classes or properties."""
+        if not iri.startswith(ontology.NS):
+            return False  # anything may have a label, or a source
         key = ("terms", iri)
         if key not in self._answers:
             rows = islice(self._quads(None, NamedNode(iri), None, None), MAX_ENDS)

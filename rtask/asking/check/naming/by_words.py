@@ -95,11 +95,9 @@ class ByWords:
         kinds = {"dateTime" if kind.startswith("dateTime") else kind for kind in kinds}
         if literals is not None:
             return bool(kinds) and "" not in kinds and not kinds & literals
-        if word not in physical_words(self._vocabulary):
+        if word not in physical_words(self._vocabulary) or is_identifying(iri):
             return False
-        if kinds & {"text", ""} or not kinds:
-            return not is_identifying(iri) and not self._fitting.is_attested(edge, context)
-        return True
+        return not self._is_borne_out(demand, edge, kinds_of_word(word, self._vocabulary), context)
 
     def _is_foreign(self, demand: Demand, edge: Edge, word: str, context: Context) -> bool:
         """Return whether the classes that are called by a word are quite other ones."""
@@ -108,13 +106,20 @@ class ByWords:
             return False
         if not self._vocabulary.are_unlike(demand.bits, kinds):
             return False
+        return not self._is_borne_out(demand, edge, kinds, context)
+
+    def _is_borne_out(self, demand: Demand, edge: Edge, kinds: int, context: Context) -> bool:
+        """Return whether the graph has what a pattern says, or nothing that would suit better.
+
+        That a graph has no such statements is no fault.
+        """
         if self._fitting.evidence.matches(edge):
-            return self._fitting.is_contradicted(edge, context)
+            return not self._fitting.is_contradicted(edge, context)
         if edge.steps[0].node.value == TYPE:
-            return True
-        # That a graph has no such statements is no fault, if it has none that would suit either.
+            return False
         named = Edge(demand.node, [], demand.node, -1, -1)
-        return self._repairs.has_attested(edge, context, Demand(named, 0, kinds, True))
+        wish = Demand(named, 0, kinds or None, True)
+        return not self._repairs.has_attested(edge, context, wish)
 
     def _is_agreed(self, demand: Demand, edge: Edge, context: Context) -> bool:
         """Return whether another pattern makes the same of a variable: that is what is meant."""

@@ -29,7 +29,7 @@ _ADJECTIVES = ("ed", "ing", "able", "ent", "al")
 _LOWER = {"part", "child", "kid", "piece", "inner", "content", "sub", "narrower", "member",
           "descendant"}  # fmt: skip
 _UPPER = {"whole", "parent", "outer", "container", "super", "broader", "ancestor", "surface",
-          "holder", "support", "root", "shelf", "table", "tray", "where", "place"}  # fmt: skip
+          "holder", "support", "shelf", "table", "tray", "where", "place"}  # fmt: skip
 _TO_UPPER = {"parent", "ancestor", "located", "placed", "sub", "container"}
 _IDENTIFYING = {"name", "label", "id", "identifier", "code", "title", "kind", "type", "text"}
 
