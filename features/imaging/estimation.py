@@ -133,8 +133,8 @@ def estimate_lens(pictures: Sequence[NDArray[np.uint8]], board: Board) -> Estima
     shape = pictures[0].shape
     if any(picture.shape != shape for picture in pictures):
         raise ValueError("the pictures differ in size; one camera at one resolution is expected")
-    found = {k: board.find(picture) for k, picture in enumerate(pictures)}
-    corners = {k: places for k, places in found.items() if places is not None}
+    seen = {k: board.find(picture) for k, picture in enumerate(pictures)}
+    corners = {k: places for k, places in seen.items() if places is not None}
     fitted = _fit_lens(corners, board, shape)
     off = {k: float(error) for k, error in zip(corners, fitted.errors, strict=True)}
     limit = max(_OFF * float(np.median(list(off.values()))), _MIN_OFF_PX)
@@ -187,7 +187,7 @@ def _fit_lens(corners: dict[int, Float64Array], board: Board, shape: tuple[int, 
     try:
         error, matrix, distortion, turns, shifts, spread, _, errors = cv2.calibrateCameraExtended(
             [places] * len(corners),
-            [found.astype(np.float32) for found in corners.values()],
+            [pixels.astype(np.float32) for pixels in corners.values()],
             size, start, np.zeros(5), flags=cv2.CALIB_FIX_K3,
         )  # fmt: skip
     except cv2.error as failed:

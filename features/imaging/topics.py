@@ -169,8 +169,8 @@ def _is_colour_beside_depth(topic: Topic) -> bool:
 
 
 def _is_of_camera(colour: Topic, depth: Topic) -> bool:
-    is_one_frame = bool(depth.frame) and colour.frame == depth.frame
-    return is_one_frame or colour.name.startswith(depth.root + "/")
+    has_its_frame = bool(depth.frame) and colour.frame == depth.frame
+    return has_its_frame or colour.name.startswith(depth.root + "/")
 
 
 def _partners(depth: Topic, colours: list[Topic]) -> tuple[str, ...]:
