@@ -50,15 +50,15 @@ def estimate(
     _refuse_options(view, depths)
     pattern = Board(max(board[:2]), min(board[:2]), board[2])
     try:
-        found = estimate_lens([_grey(file) for file in files], pattern)
+        estimated = estimate_lens([_grey(file) for file in files], pattern)
         place, lens = None, None
         if depths is not None:
             images = [_depth(depths, file, view) for file in files]
             lens = read_cameras(images[0].shape, view).depth
-            place = estimate_place(found.poses, pattern, images, lens)
+            place = estimate_place(estimated.poses, pattern, images, lens)
     except ValueError as error:
         raise DataError(f"{files[0].parent}: {error}") from error
-    written: dict[str, Any] = _fields(found.lens)
+    written: dict[str, Any] = _fields(estimated.lens)
     if place is not None and lens is not None:
         written = {
             "depth": _fields(lens),
@@ -69,7 +69,7 @@ def estimate(
         out.write_text(json.dumps(written, indent=2) + "\n")
     except OSError as error:
         raise UsageError(f"{out}: {error.strerror}") from error
-    _say(found, place, files, out, as_json=as_json)
+    _say(estimated, place, files, out, as_json=as_json)
 
 
 def _refuse_options(view: View, depths: Path | None) -> None:
@@ -133,28 +133,28 @@ def _fields(lens: Lens) -> dict[str, Any]:
 
 
 def _say(
-    found: EstimatedLens, place: EstimatedPlace | None, files: Sequence[Path], out: Path, *,
+    estimated: EstimatedLens, place: EstimatedPlace | None, files: Sequence[Path], out: Path, *,
     as_json: bool,
 ) -> None:  # fmt: skip
-    unused = [file.name for k, file in enumerate(files) if k not in found.poses]
-    camera = found.lens.intrinsics
-    told: dict[str, Any] = {
-        "file": str(out), "pictures": len(found.poses), "left_out": unused,
-        "reprojection_px": found.reprojection_px, "focal_error_px": found.focal_error_px,
-        "centre_error_px": found.centre_error_px,
+    unused = [file.name for k, file in enumerate(files) if k not in estimated.poses]
+    camera = estimated.lens.intrinsics
+    report: dict[str, Any] = {
+        "file": str(out), "pictures": len(estimated.poses), "left_out": unused,
+        "reprojection_px": estimated.reprojection_px, "focal_error_px": estimated.focal_error_px,
+        "centre_error_px": estimated.centre_error_px,
     }  # fmt: skip
     if place is not None:
-        told |= {
+        report |= {
             "depth_views": place.views, "place_error_m": place.place_error_m,
             "depth_scale": place.depth_scale, "residual_m": place.residual_m,
         }  # fmt: skip
     if as_json:
-        print_json(told)
+        print_json(report)
         return
     click.echo(
-        f"focal {camera.fx:.1f} {camera.fy:.1f} px (+-{found.focal_error_px:.1f}), centre "
-        f"{camera.cx:.1f} {camera.cy:.1f} px (+-{found.centre_error_px:.1f}), corners "
-        f"{found.reprojection_px:.2f} px off in {len(found.poses)} of {len(files)} pictures"
+        f"focal {camera.fx:.1f} {camera.fy:.1f} px (+-{estimated.focal_error_px:.1f}), centre "
+        f"{camera.cx:.1f} {camera.cy:.1f} px (+-{estimated.centre_error_px:.1f}), corners "
+        f"{estimated.reprojection_px:.2f} px off in {len(estimated.poses)} of {len(files)} pictures"
     )
     if unused:
         click.echo(f"without a board that fits: {', '.join(unused)}")
