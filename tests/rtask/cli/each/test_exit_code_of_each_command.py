@@ -27,7 +27,7 @@ _CALLS = {
     "objects name": "x --as y", "objects show": "x", "objects split": "x v",
     "objects undo": "c-1", "ontology show": "Mug", "ontology unload": "urn:o",
     "ontology upgrade": "f.ttl", "plan": "every cup into the box", "proposals adopt": "1",
-    "proposals refuse": "1", "proposals show": "1", "query": "ASK{}", "recognise": "p.png",
+    "proposals refuse": "1", "proposals show": "1", "query": "ASK{}", "questions answer": "urn:q 1", "recognise": "p.png",
     "rules add": "r.rq", "rules remove": "x", "rules show": "x", "search": "x",
     "service benchmark": "b.toml", "service call": "a/b c", "service save": "f.json",
     "service show": "a/b", "tasks cancel": "urn:t --reason x", "teach": "x p.png",

@@ -18,7 +18,7 @@ _WITHOUT = {
         backup, contributors withdraw, dataset create, dataset get, dataset merge, dataset prune,
         dataset put, dataset remove, dataset restore, dataset snapshot, episodes export,
         episodes import, migrate, model generate, objects forget, objects merge, objects name,
-        objects split, objects undo, ontology docs, promote, proposals adopt, proposals refuse,
+        objects split, objects undo, ontology docs, promote, proposals adopt, proposals refuse, questions answer,
         rebuild, restore, robot add, robot reach, robot remove, robot restore, ros messages,
         ros2 dds save, ros2 package, rules add, rules remove, service save, simulate fetch,
         simulate film, simulate ros-reach, tasks cancel, teach, token create, token expire,
@@ -33,7 +33,7 @@ _WITHOUT = {
     "is bounded by LIMIT in the query": "query",
     "tabulates the trials that its options ask for": """
         demo, simulate tasks, learn benchmark, service benchmark, simulate act-test place,
-        simulate act-test reach, simulate act-test workspace, study attempts, study day, study demo,
+        simulate act-test reach, simulate act-test workspace, study asking-price, study attempts, study day, study demo,
         study grasp-quality, study grasp-views, study grasping, study hands, study judging,
         study learn, study piles, study push-grasps, study requests, study sharing, study table4,
         study table5, study tasks, study trust, study why, thesis all, thesis show""",
