@@ -33,9 +33,8 @@ def study() -> None:
 
 
 for _command in (
-    asking_price, attempts, day, demo, grasp_quality, grasping, hands, judging, learn, piles, push_grasps,
-    requests,
-    sharing, table4, table5, tasks, trust, why,
+    asking_price, attempts, day, demo, grasp_quality, grasping, hands, judging, learn, piles,
+    push_grasps, requests, sharing, table4, table5, tasks, trust, why,
 ):  # fmt: skip
     study.add_command(_command)
 

@@ -1890,6 +1890,7 @@ class Calls(ABC):
         choices: Sequence[OfferedChoice | Mapping[str, Any]],
         otherwise: int | None = None,
         chance: float | None = None,
+        retries: int | None = None,
         patience: float | None = None,
         picture: Bytes | Mapping[str, Any] | None = None,
         robot: str | None = None,
@@ -1911,6 +1912,8 @@ class Calls(ABC):
             1
         chance
             that the step succeeds if nobody is asked; default: as planned
+        retries
+            how often the step is tried again where it fails; default: 0
         patience
             how long the step waits for an answer (s); default: 600.0
         picture

@@ -11,10 +11,10 @@ from typing import Any
 from rtask.errors import ConflictError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.executor import Executor, Graph, Turn
+from simulate.tasks.questions import MAX_REPAIRS
 
 __all__ = ["Crew", "Ended"]
 
-_MAX_REPAIRS = 12
 _MAX_ROUNDS = 10_000
 
 
@@ -134,8 +134,8 @@ class Crew:
         """Plan the goal again from the graph as it is; return whether there is more to do."""
         goal = plan["goal"]
         self._repairs[goal] += 1
-        if self._repairs[goal] > _MAX_REPAIRS:
-            return self._give_up(plan, f"it was planned again {_MAX_REPAIRS} times")
+        if self._repairs[goal] > MAX_REPAIRS:
+            return self._give_up(plan, f"it was planned again {MAX_REPAIRS} times")
         self._look_for(plan)
         try:
             again = self.planner.call("plan_goal", goal=goal)

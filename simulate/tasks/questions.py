@@ -8,8 +8,10 @@ from typing import Any, Literal
 
 from rtask.rdf.namespaces import PREFIXES, local_name
 
-__all__ = ["ACT", "WHERE", "Reply", "about_acting", "about_place", "read_reply"]
+__all__ = ["ACT", "MAX_REPAIRS", "WHERE", "Reply", "about_acting", "about_place", "read_reply"]
 
+MAX_REPAIRS = 12
+"""How often a goal is planned again."""
 ACT, WHERE = "act", "where"
 """Kinds of questions: whether to do what is likely to fail, and where a thing is."""
 _MAX_PLACES = 17
@@ -28,7 +30,7 @@ Claim = Mapping[str, Any]
 def about_acting(claim: Claim) -> dict[str, Any]:
     """Return the question before a step that may fail: fields of ``ask_person``."""
     return {
-        "kind": ACT,
+        "kind": ACT, "retries": MAX_REPAIRS,
         "text": f"{claim['text']}: I expect to fail with a chance of {1 - claim['chance']:.2f}. "
                 "What shall I do?",
         "choices": [

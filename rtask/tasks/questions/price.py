@@ -76,28 +76,35 @@ class Worth:
     text: str
 
 
-def weigh(prices: Prices, chance: float, past: Help) -> Worth:
+def weigh(prices: Prices, chance: float, past: Help, retries: int = 0) -> Worth:
     """Return whether to ask about a step that succeeds with a chance if nobody is asked.
 
-    An answer that helps saves the failure that would have come; one that does not saves nothing.
+    An answer that helps saves the failures that would have come, the ones of each new try included;
+    one that does not saves nothing.
 
     Parameters
     ----------
     chance
-        In [0, 1].
+        Of one try, in [0, 1].
     past
         What became of the questions before.
+    retries
+        How often a step that failed is tried again.
 
     Examples
     --------
     >>> weigh(Prices(asking=5.0, failing=60.0), 0.4, Help(8, 8)).text
-    'asking costs 5 and is expected to save 32.4: 0.60 of failing, 60 each, 0.90 that it helps'
+    'asking costs 5 and is expected to save 32.4: 0.60 failures, 60 each, 0.90 that it helps'
+    >>> weigh(Prices(asking=5.0, failing=60.0), 0.4, Help(8, 8), retries=12).gain > 80
+    True
     >>> weigh(Prices(asking=5.0, failing=60.0), 0.95, Help(8, 8)).asks
     False
     """
-    gain = past.chance * (1.0 - chance) * prices.failing
+    miss = 1.0 - chance
+    failures = sum(miss**number for number in range(1, retries + 2))
+    gain = past.chance * failures * prices.failing
     text = (
-        f"asking costs {prices.asking:g} and is expected to save {gain:.3g}: {1 - chance:.2f} of "
-        f"failing, {prices.failing:g} each, {past.chance:.2f} that it helps"
+        f"asking costs {prices.asking:g} and is expected to save {gain:.3g}: {failures:.2f} "
+        f"failures, {prices.failing:g} each, {past.chance:.2f} that it helps"
     )
     return Worth(prices.asking < gain, gain, text)

@@ -83,7 +83,8 @@ def _question(row: Row, choices: list[Choice], answer: GivenAnswer | None) -> Qu
     return Question(
         str(row.value("question")), str(row.value("task")), str(row.value("robot")),
         str(row.value("kind") or ""), str(row.value("text")), str(row.value("reason") or ""),
-        _time(row, "asked"), _time(row, "until"), tuple(choices), otherwise, str(row.value("sha") or ""), answer,
+        _time(row, "asked"), _time(row, "until"), tuple(choices), otherwise,
+        str(row.value("sha") or ""), answer,
     )  # fmt: skip
 
 

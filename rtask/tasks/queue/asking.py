@@ -50,6 +50,8 @@ class Inquiry:
         Number of the choice that it makes where nobody answers, from 1.
     chance
         That the step succeeds if nobody is asked, in [0, 1]; None = as planned.
+    retries
+        How often the step is tried again where it fails.
     patience_s
         How long it waits.
     """
@@ -59,6 +61,7 @@ class Inquiry:
     choices: Sequence[Choice]
     otherwise: int = 1
     chance: float | None = None
+    retries: int = 0
     patience_s: float = PATIENCE_S
 
     def __post_init__(self) -> None:
@@ -128,7 +131,7 @@ def ask(
         if plan.prices is None:
             return Asked("", Worth(False, 0.0, "the plan has no prices, so nobody is asked"), None)
         chance = step.chance if inquiry.chance is None else inquiry.chance
-        worth = weigh(plan.prices, chance, past_help(plans, time))
+        worth = weigh(plan.prices, chance, past_help(plans, time), inquiry.retries)
         if not worth.asks:
             return Asked("", worth, None)
         question = NamedNode(mint(kb.base, "Question"))

@@ -1,7 +1,7 @@
 """Goals in a lab with slippery things and a person, carried out under several rules of asking.
 
-Robots know of each product what earlier attempts at it gave; its chance to slip they do not know. The
-same lab, with the same chances, is worked in under each rule.
+Robots know of each product what earlier attempts at it gave; its chance to slip they do not know.
+The same lab, with the same chances, is worked in under each rule.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class _Work:
                     ("at", self.lab.where[item]) if item in self.lab.where else ("gone", "")
                 )
         return next(
-            choice["number"] for choice in question["choices"]
+            int(choice["number"]) for choice in question["choices"]
             if choice["code"] == code and choice["place"] == place
         )  # fmt: skip
 

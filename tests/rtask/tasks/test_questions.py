@@ -72,7 +72,7 @@ def test_a_question_is_asked_only_where_it_is_expected_to_save_more_than_it_cost
     assert claim(engine).task == step.task, "the robot keeps the step that it did not ask about"
     doubtful = ask(engine, step.task, chance=0.8)
     assert doubtful.asked
-    assert doubtful.reason.startswith("asking costs 5 and is expected to save 6: 0.20 of failing")
+    assert doubtful.reason.startswith("asking costs 5 and is expected to save 6: 0.20 failures")
 
 
 def test_without_prices_nobody_is_asked(engine):

@@ -59,6 +59,8 @@ class AskPerson(Message):
     """number of the choice that the robot makes where nobody answers in time, from 1"""
     chance: Probability | None = None
     """that the step succeeds if nobody is asked; default: as planned"""
+    retries: Annotated[Whole, Ge(0), Le(100)] = 0
+    """how often the step is tried again where it fails"""
     patience: Annotated[Number, Unit("s"), Ge(0.001), Le(asking.MAX_PATIENCE_S)] = asking.PATIENCE_S
     """how long the step waits for an answer"""
     picture: Image | None = None
@@ -179,7 +181,13 @@ def ask_person(context: Context, request: AskPerson, access: Access) -> AskedPer
     robot, author = robot_named(context, request.robot, access)
     choices = tuple(_choice(context, offered, k) for k, offered in enumerate(request.choices))
     inquiry = asking.Inquiry(
-        request.kind, request.text, choices, request.otherwise, request.chance, request.patience
+        request.kind,
+        request.text,
+        choices,
+        request.otherwise,
+        request.chance,
+        request.retries,
+        request.patience,
     )
     shown = None if request.picture is None else check_picture(request.picture, "picture")
 
