@@ -115,7 +115,6 @@ PAGES = [
     "/terms",
     "/terms?term=Mug",
     "/plan",
-    "/questions",
     "/terms?term=rt:mass",
     "/resource?iri=urn:lab/object/1",
     "/resource?iri=urn:lab/robot/nao-1",

@@ -185,7 +185,7 @@ def _remember(forms: Forms) -> None:
     stored = ask("store_plan", goal=plan["goal"], digest=plan["digest"], **prices)["task"]
     panda = {"robot": "urn:lab/robot/panda-1"}
     step = ask("claim_step", **panda)["task"]
-    choices = json.dumps([{"code": code, "text": code} for code in ("try", "leave")])
+    choices = [{"code": code, "text": code} for code in ("try", "leave")]
     unsure = {"kind": "act", "text": "shall I?", "choices": choices, "chance": 0.0}
     asked = ask("ask_person", task=step, **unsure, **panda)["question"]
     assert [one["question"] for one in ask("list_questions")["questions"]] == [asked]
