@@ -10,7 +10,7 @@ from rtask.kb.commit.access import Access
 from rtask.tasks.bounds import TIMEOUT_S, Bounds
 from rtask.tasks.plan import TaskPlan
 from rtask.tasks.planner import plan_goal
-from rtask.tasks.queue.asking import answer, is_wanted
+from rtask.tasks.queue.asking import answer, is_pending
 from rtask.tasks.queue.reading import read_queue
 from rtask.tasks.storing import Order, store_plan
 
@@ -133,7 +133,7 @@ a goal is such as 'every cup into the left box'
         ]  # fmt: skip
         chosen = [
             question for plan, step, question in asked
-            if everything or question.state(now, is_wanted(plan, step, now)) == "open"
+            if everything or question.state(now, is_pending(plan, step, now)) == "open"
         ]  # fmt: skip
         return sorted(chosen, key=lambda question: question.asked)
 

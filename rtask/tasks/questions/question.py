@@ -97,19 +97,19 @@ class Question:
         """Whether the robot waits for an answer."""
         return self.answer is None and now < self.until
 
-    def state(self, now: dt.datetime, is_wanted: bool = True) -> str:
+    def state(self, now: dt.datetime, is_pending: bool = True) -> str:
         """Return open, answered, expired or withdrawn.
 
         Parameters
         ----------
-        is_wanted
+        is_pending
             Whether its step may still be carried out.
         """
         if self.answer is not None:
             return "answered"
         if now >= self.until:
             return "expired"
-        return "open" if is_wanted else "withdrawn"
+        return "open" if is_pending else "withdrawn"
 
     @property
     def outcome(self) -> Choice:

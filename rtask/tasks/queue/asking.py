@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
 
 __all__ = ["MAX_CHOICES", "MAX_PATIENCE_S", "PATIENCE_S", "Asked", "Inquiry", "answer", "ask",
-           "is_wanted", "past_help"]  # fmt: skip
+           "is_pending", "past_help"]  # fmt: skip
 
 PATIENCE_S = 600.0
 """How long a robot waits for an answer, unless it says otherwise."""
@@ -199,14 +199,14 @@ def answer(
     """
     time = now or dt.datetime.now(dt.UTC)
     with kb.transaction(note="answer a robot", access=access) as tx:
-        asked, is_wanted = _asked(read_queue(kb), question, time)
+        asked, is_pending = _asked(read_queue(kb), question, time)
         if not 1 <= choice <= len(asked.choices):
             raise UsageError(f"choice: 1 to {len(asked.choices)}, not {choice}", field="choice")
         if asked.answer is not None:
             if asked.answer.choice == choice and asked.answer.person == person:
                 return None
             raise ConflictError(f"{asked.answer.by} answered before: {asked.outcome.text}")
-        state = asked.state(time, is_wanted)
+        state = asked.state(time, is_pending)
         if state == "expired":
             raise ConflictError(f"nobody answered in time: the robot does {asked.outcome.text!r}")
         if state == "withdrawn":
@@ -226,12 +226,12 @@ def _asked(plans: Sequence[QueuedPlan], question: str, now: dt.datetime) -> tupl
     """Return a question, and whether its step may still be carried out."""
     for plan in plans:
         for step in plan.steps:
-            for one in step.questions:
-                if one.iri == question:
-                    return one, is_wanted(plan, step, now)
+            for asked in step.questions:
+                if asked.iri == question:
+                    return asked, is_pending(plan, step, now)
     raise UnknownTermError(f"no robot asked {question}")
 
 
-def is_wanted(plan: QueuedPlan, step: QueuedStep, now: dt.datetime) -> bool:
+def is_pending(plan: QueuedPlan, step: QueuedStep, now: dt.datetime) -> bool:
     """Whether a step may still be carried out, so that answers about it are of use."""
     return plan.state(now) in ("waiting", "running") and not step.is_done

@@ -228,7 +228,7 @@ def list_questions(context: Context, request: ListQuestions, access: Access) -> 
     past = asking.past_help(plans, now)
     return ListedQuestions(
         questions=[
-            question for question in sorted(listed, key=lambda one: one.asked)
+            question for question in sorted(listed, key=lambda listing: listing.asked)
             if request.state == "all" or question.state == "open"
         ],
         helped=past.helped, ended=past.ended,
@@ -275,7 +275,7 @@ def _listed(
         question=question.iri, task=step.task, step=step.text, plan=plan.task, goal=plan.goal,
         robot=question.robot, robot_name=names[question.robot], thing=step.thing,
         kind=question.kind, text=question.text, reason=question.reason,
-        state=question.state(now, asking.is_wanted(plan, step, now)),
+        state=question.state(now, asking.is_pending(plan, step, now)),
         asked=question.asked.timestamp(), until=question.until.timestamp(),
         choices=[
             ListedChoice(
