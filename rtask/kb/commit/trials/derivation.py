@@ -255,7 +255,8 @@ class Trial:
                 self._handover.encode(report)
             self._handover.receive(report)
             if not self._handover.has_steps:
-                return
+                break
+        self.holders.find_meanwhile(list(self._handover.leaving()), self._lock)
 
     def adopt(
         self,
