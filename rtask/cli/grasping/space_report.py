@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtask.cli.grasping.planning import announce_stored
-from rtask.cli.options import announce_more, print_json
+from rtask.cli.options import announce_more, announce_why_computed, print_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -133,7 +133,8 @@ def _print(
     for row in _rows(proposals, call.limit):
         x, y, z = (1000 * v for v in row["position"])
         a, b, c = row["approach"]
-        held = f"  {row['lift']:.2f}   {row['carry']:.2f}" if "carry" in row else ""
+        chances = [row.get(f"{name}_chance", row.get(name)) for name in ("lift", "carry")]
+        held = f"  {chances[0]:.2f}   {chances[1]:.2f}" if "carry" in row else ""
         held += f"  {row['moves']:.2f}   {row['segment']:6d}" if "moves" in row else ""
         click.echo(
             f"{row['rank']:4d}  ({x:6.1f},{y:6.1f},{z:6.1f})  ({a:+.2f},{b:+.2f},{c:+.2f})  "
@@ -147,6 +148,11 @@ def _print(
     click.echo("what happened:")
     for name, count in proposals.counts.items():
         click.echo(f"{count:8d}  {name}")
+    if proposals:
+        announce_why_computed(
+            f"computed from the shape alone, with {call.samples} drawn errors of its pose; no "
+            "robot tried these grasps, and --save-plots FOLDER draws them"
+        )
 
 
 def _size(hand: EndEffector) -> str:
