@@ -29,6 +29,7 @@ __all__ = ["MAX_DEPTH", "FrameTree", "Rooted", "Way"]
 
 MAX_DEPTH = 64
 """Frames that are followed from one to its root."""
+_MAX_KNOWN = 1_000
 PlacementAt = Callable[[str, float], Placement | None]
 
 
@@ -91,6 +92,16 @@ class _Step:
     fault: str = ""
 
 
+@dataclass(eq=False)
+class _Known:
+    """What was resolved after a commit, for which nothing that is stored later counts."""
+
+    seq: int
+    bulk_loads: int
+    rooted: dict[tuple[str, float, float | None], Rooted] = field(default_factory=dict)
+    robots: dict[str, bool] = field(default_factory=dict)
+
+
 class FrameTree:
     """The frames of a knowledge base at any instant.
 
@@ -106,6 +117,14 @@ class FrameTree:
         self._kb = kb
         self._placement_at = placement_at
         self._rival_at = rival_at
+        self._known = _Known(-1, -1)
+
+    def _known_now(self) -> _Known:
+        """Return what was resolved since the last commit: a report asks the same many times."""
+        known, state = self._known, (self._kb.seq, self._kb.bulk_loads)
+        if (known.seq, known.bulk_loads) != state or len(known.rooted) >= _MAX_KNOWN:
+            known = self._known = _Known(*state)
+        return known
 
     def rooted(self, frame: str, asked_s: float, measured_s: float | None = None) -> Rooted:
         """Return the pose of a frame in the root of its tree.
@@ -115,6 +134,13 @@ class FrameTree:
         asked_s, measured_s
             Unix time at which frames count, and at which those of robots count; default: the same.
         """
+        known, key = self._known_now().rooted, (frame, asked_s, measured_s)
+        rooted = known.get(key)
+        if rooted is None:
+            rooted = known[key] = self._resolve(frame, asked_s, measured_s)
+        return rooted
+
+    def _resolve(self, frame: str, asked_s: float, measured_s: float | None) -> Rooted:
         rooted = Rooted([frame])
         while not rooted.fault:
             count_s = self.instant(frame, asked_s, asked_s if measured_s is None else measured_s)
@@ -177,7 +203,12 @@ class FrameTree:
     def is_of_robot(self, frame: str) -> bool:
         """Whether a frame belongs to a robot, which may move while what it saw stays."""
         robot, located, _ = frame.rpartition("/frame/")
-        return bool(located) and bool(self._kb.match(iri(robot), RDF.type, CORA.Robot))
+        if not located:
+            return False
+        known = self._known_now().robots
+        if robot not in known:
+            known[robot] = bool(self._kb.match(iri(robot), RDF.type, CORA.Robot))
+        return known[robot]
 
     def find(self, name: str) -> list[str]:
         """Return the frames of an IRI, a name in tf, or ``robot/name``, sorted."""

@@ -13,7 +13,7 @@ from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import NamedNode, Triple, iri, python_value
 from rtask.world.frames import FrameTree, Way
 from rtask.world.index import PlacementIndex
-from rtask.world.placement import Placement, read_placement
+from rtask.world.placement import Placement
 from rtask.world.uncertainty import NEARBY_M, Spread, spread_of
 
 if TYPE_CHECKING:
@@ -69,18 +69,18 @@ class WorldState:
 
     def _rival_at(self, subject: str, time_s: float) -> Placement | None:
         node = self.index.rival(subject, time_s)
-        return None if node is None else read_placement(self.kb, node)
+        return None if node is None else self.index.read(node)
 
     def last_placement(self, subject: str, time_s: float = _NEVER) -> Placement | None:
         """Return the last placement of a thing that had begun by an instant, ended or not."""
         nodes = (self.index.last(name, time_s) for name in self.names_of(subject))
-        placements = [read_placement(self.kb, node) for node in nodes if node is not None]
+        placements = [self.index.read(node) for node in nodes if node is not None]
         return max((p for p in placements if p is not None), key=_by_begin, default=None)
 
     def history(self, subject: str) -> list[Placement]:
         """Return all placements of a thing or frame, oldest first."""
         nodes = (node for name in self.names_of(subject) for node in self.index.history(name))
-        placements = (read_placement(self.kb, node) for node in nodes)
+        placements = (self.index.read(node) for node in nodes)
         return sorted((p for p in placements if p is not None), key=_by_begin)
 
     def open_placements(self, subject: str) -> list[Placement]:
@@ -89,7 +89,7 @@ class WorldState:
         There is at most one, unless an end was taken back, or two things turned out to be one.
         """
         nodes = (node for name in self.names_of(subject) for node in self.index.open(name))
-        placements = (read_placement(self.kb, node) for node in nodes)
+        placements = (self.index.read(node) for node in nodes)
         return sorted((p for p in placements if p is not None and p.is_current), key=_by_begin)
 
     def names_of(self, exemplar: str) -> list[str]:
