@@ -29,7 +29,7 @@ __all__ = ["MAX_DEPTH", "FrameTree", "Rooted", "Way"]
 
 MAX_DEPTH = 64
 """Frames that are followed from one to its root."""
-_MAX_KNOWN = 1_000
+_MAX_RESOLVED = 1_000
 PlacementAt = Callable[[str, float], Placement | None]
 
 
@@ -93,7 +93,7 @@ class _Step:
 
 
 @dataclass(eq=False)
-class _Known:
+class _Resolved:
     """What was resolved after a commit, for which nothing that is stored later counts."""
 
     seq: int
@@ -117,14 +117,14 @@ class FrameTree:
         self._kb = kb
         self._placement_at = placement_at
         self._rival_at = rival_at
-        self._known = _Known(-1, -1)
+        self._memo = _Resolved(-1, -1)
 
-    def _known_now(self) -> _Known:
+    def _memo_now(self) -> _Resolved:
         """Return what was resolved since the last commit: a report asks the same many times."""
-        known, state = self._known, (self._kb.seq, self._kb.bulk_loads)
-        if (known.seq, known.bulk_loads) != state or len(known.rooted) >= _MAX_KNOWN:
-            known = self._known = _Known(*state)
-        return known
+        memo, state = self._memo, (self._kb.seq, self._kb.bulk_loads)
+        if (memo.seq, memo.bulk_loads) != state or len(memo.rooted) >= _MAX_RESOLVED:
+            memo = self._memo = _Resolved(*state)
+        return memo
 
     def rooted(self, frame: str, asked_s: float, measured_s: float | None = None) -> Rooted:
         """Return the pose of a frame in the root of its tree.
@@ -134,10 +134,10 @@ class FrameTree:
         asked_s, measured_s
             Unix time at which frames count, and at which those of robots count; default: the same.
         """
-        known, key = self._known_now().rooted, (frame, asked_s, measured_s)
-        rooted = known.get(key)
+        memo, key = self._memo_now().rooted, (frame, asked_s, measured_s)
+        rooted = memo.get(key)
         if rooted is None:
-            rooted = known[key] = self._resolve(frame, asked_s, measured_s)
+            rooted = memo[key] = self._resolve(frame, asked_s, measured_s)
         return rooted
 
     def _resolve(self, frame: str, asked_s: float, measured_s: float | None) -> Rooted:
@@ -205,10 +205,10 @@ class FrameTree:
         robot, located, _ = frame.rpartition("/frame/")
         if not located:
             return False
-        known = self._known_now().robots
-        if robot not in known:
-            known[robot] = bool(self._kb.match(iri(robot), RDF.type, CORA.Robot))
-        return known[robot]
+        robots = self._memo_now().robots
+        if robot not in robots:
+            robots[robot] = bool(self._kb.match(iri(robot), RDF.type, CORA.Robot))
+        return robots[robot]
 
     def find(self, name: str) -> list[str]:
         """Return the frames of an IRI, a name in tf, or ``robot/name``, sorted."""

@@ -123,7 +123,7 @@ class WorldState:
             is_settled = self._is_settled(node, other)
             chances = [
                 chance for chance, since_s in self._stated_doubts(node, other)
-                if since_s <= time_s and (not is_settled or self._were_known(node, other, since_s))
+                if since_s <= time_s and (not is_settled or self._are_older(node, other, since_s))
             ]  # fmt: skip
             if chances:
                 doubts.append((other.value, max(chances)))
@@ -141,7 +141,7 @@ class WorldState:
             ]
         return stated or [(0.5, -_NEVER)]
 
-    def _were_known(self, node: NamedNode, other: NamedNode, time_s: float) -> bool:
+    def _are_older(self, node: NamedNode, other: NamedNode, time_s: float) -> bool:
         """Whether both of two things had a place before a time, and none of them is the other."""
         if self.kb.match(other, RT.mergedInto, node):
             return False

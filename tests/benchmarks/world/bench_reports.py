@@ -1,6 +1,6 @@
 """Places by the public way: how long `report_sightings` takes over so many of them, by growth.
 
-python tests/benchmarks/kb/bench_reports.py --reports 2000 10000
+python tests/benchmarks/world/bench_reports.py --reports 2000 10000
 
 A robot looks at 20 of 300 things each minute, three in ten of which were moved, and names them. The
 reasoner runs. Times are of the processor, in memory.
