@@ -54,7 +54,7 @@ class Attempt(Generic[T]):
         self.error: Exception | None = None
 
     @property
-    def is_pending(self) -> bool:
+    def is_wanted(self) -> bool:
         """Whether the answer may still count; a long function looks now and then."""
         return self._is_live
 
@@ -108,7 +108,7 @@ def race(
     local, remote
         Answer the question, each in a thread of its own; they get an :class:`Attempt`, to which
         they may :meth:`~Attempt.offer` answers on the way. The one that loses is told by
-        :attr:`~Attempt.is_pending` and otherwise goes on by itself, so a report that it carries is
+        :attr:`~Attempt.is_wanted` and otherwise goes on by itself, so a report that it carries is
         not lost.
     patience_s
         How long a local answer waits for the remote one.

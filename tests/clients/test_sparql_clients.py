@@ -58,7 +58,7 @@ def test_every_result_format_is_written(client: httpx.Client, accept: str, start
     assert answer.text.startswith(start)
 
 
-def test_an_update_says_what_it_did_when_json_is_pending(client: httpx.Client) -> None:
+def test_an_update_says_what_it_did_when_json_is_wanted(client: httpx.Client) -> None:
     answer = client.post(
         "/update",
         data={"update": "INSERT DATA { GRAPH <urn:g:counted> { <urn:s> <urn:p> 1, 2 } }"},

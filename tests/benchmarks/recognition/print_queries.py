@@ -174,7 +174,7 @@ def gather_cartons(
 
 def gather_renders(
     folder: Path,
-    is_pending: Callable[[str], bool],
+    is_wanted: Callable[[str], bool],
     cache: Path | None,
     seen: Callable[[ViewFeatures], ViewFeatures] = without_depth,
     counts: Sequence[int] = (8, 3, 1, 18),
@@ -182,7 +182,7 @@ def gather_renders(
     seals: bool = False,
 ) -> list[Query]:
     """Ask for views of groups of ten objects of which eight are stored."""
-    names = [name for name in ycb_names(folder) if is_pending(name)]
+    names = [name for name in ycb_names(folder) if is_wanted(name)]
     names = random.Random(99).sample(names, len(names))
     queries = []
     for first in range(0, len(names), GROUP):

@@ -90,7 +90,7 @@ def test_the_loser_is_told_that_its_answer_is_not_wanted():
     told = threading.Event()
 
     def local(attempt: Attempt[str]) -> str:
-        while attempt.is_pending:
+        while attempt.is_wanted:
             threading.Event().wait(0.01)
         told.set()
         return "late"

@@ -267,7 +267,7 @@ def _loaded(grasp: RTASK.GraspConfiguration) -> bool:
         return False
 
 
-def test_a_loop_may_ask_where_that_is_pending(still_lab: KnowledgeBase, queries: list[str]) -> None:
+def test_a_loop_may_ask_where_that_is_wanted(still_lab: KnowledgeBase, queries: list[str]) -> None:
     with Session(still_lab, lazy="allow") as s:
         assert sum(len(grasp.tried_in) for grasp in s.query(G)) == 2
         assert len(queries) == 4
