@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from rtask.errors import UsageError
+from simulate.study.attempt_table import Defect, try_product
 from simulate.study.declaration import Report, Results, Study, Table
 from simulate.world.hidden import HiddenKind
 from simulate.world.objects import product
@@ -36,13 +37,13 @@ class Family:
         In turn.
     known
         Whether the secret is one of the causes that the graph infers.
-    lets_go
-        Share of its lifts in which the hand drops what it holds.
+    defect
+        Of the hand; None for a hand that works.
     """
 
     kinds: tuple[HiddenKind, ...]
     known: bool = False
-    lets_go: float = 0.0
+    defect: Defect | None = None
 
 
 FAMILIES: dict[str, Family] = {
@@ -53,7 +54,8 @@ FAMILIES: dict[str, Family] = {
     "two ribs hold": Family(("ribbed",)),
     "lid in the middle": Family(("lidded",)),
     "sliding weight": Family(("shifting",)),
-    "hand that lets go": Family(("carton", "bar"), lets_go=0.4),
+    "hand that lets go": Family(("carton", "bar"), defect=Defect(lets_go=0.4)),
+    "bent hand": Family(("carton", "bar"), defect=Defect(beside_m=0.012)),
 }
 """Families by what they hide."""
 
@@ -88,19 +90,15 @@ def unforeseen_study(count: int, fleets: int, hand: str, seed: int) -> Study:
 
 def unforeseen_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """Try the grasps of one product of one family; families alternate."""
-    from simulate.study.attempt_table import try_product
-
     name = list(FAMILIES)[number % len(FAMILIES)]
     family, nth = FAMILIES[name], number // len(FAMILIES)
     kind = family.kinds[nth % len(family.kinds)]
     rng = stream(int(settings["seed"]), _DRAW, list(FAMILIES).index(name))
     spec = product(kind, int(rng.permutation(_CATALOGUE)[nth]))
-    return {"family": name, **try_product(spec, settings, number, family.lets_go)}
+    return {"family": name, **try_product(spec, settings, number, family.defect)}
 
 
-def _describe(
-    results: Results, settings: Mapping[str, Any], folder: Path, fleets: int
-) -> Report:
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path, fleets: int) -> Report:
     from simulate.fleet.causes_replay import COLUMNS, CONDITIONS, replay_family, rows_of
 
     figures: dict[str, Any] = {}
