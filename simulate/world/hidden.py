@@ -148,6 +148,8 @@ def _sections(
 ) -> tuple[Part, ...]:
     """Return the parts of a product along its length; the first carries the mass."""
     x, y, z = size
+    order: tuple[int, ...]
+    odd: tuple[int, ...]
     if kind == "ribbed":
         share, at = float(rng.uniform(*_RIB_SHARE)), float(rng.uniform(*_RIB_AT))
         ribs = end * _RIB_OFF - at, end * _RIB_OFF + at
