@@ -88,6 +88,10 @@ class AsgiApplication:
         """Report from now on that the server is not ready."""
         self._application.drain()
 
+    def stop_queries(self) -> None:
+        """Stop every query that still runs; it is answered, or its answer ends."""
+        self._application.context.queries.stop_all()
+
     async def __call__(self, scope: Message, receive: Receive, transmit: Transmit) -> None:
         """Serve one connection of the server."""
         if scope["type"] == "lifespan":

@@ -34,6 +34,7 @@ from rtask.kb.commit.commit import Change
 
 _log = logging.getLogger(__name__)
 GRACE_S = 15
+QUERY_GRACE_S = 2.0
 MAX_FILES = 16_384
 MAX_CONNECTIONS = 8_192
 THREAD_STACK_BYTES = 16 << 20
@@ -211,7 +212,9 @@ async def _run(
         await asyncio.wait({serving, waiting}, return_when=asyncio.FIRST_COMPLETED)
         await _drain(server, asgi)
         server.should_exit = True
+        no_longer = loop.call_later(QUERY_GRACE_S, asgi.stop_queries)
         await serving
+        no_longer.cancel()
         asgi.points.close()
         waiting.cancel()
 

@@ -9,6 +9,7 @@ with: no reasoning is left to be done, whatever the changes have to do with each
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -248,6 +249,13 @@ class Handover:
             resources,
             literals,
         )
+
+    def leaving(self) -> Iterator[Triple]:
+        """Yield the inferred triples that go by what the copy reports."""
+        if self._report is not None:
+            change = self._report.difference.exported.renumbered(self._numbers())
+            for p, keys in change.removed.items():
+                yield from self._terms.decode_column(p, Column(keys))
 
     def draft(self, state: State, asserted: Asserted) -> tuple[Draft, FactChange] | None:
         """Return the successor of a state, as the copy has derived it.

@@ -156,7 +156,8 @@ def name_of(kb: KnowledgeBase, subject: NamedNode) -> str:
 
 def _kinds(kb: KnowledgeBase, subject: NamedNode) -> Sequence[NamedNode]:
     """Return the most specific kinds of an object: a mug, not also a container."""
-    types = {quad.object for quad in kb.match(subject, RDF.type)} - {RT.ManipulableObject}
+    types = {quad.object for quad in kb.match(subject, RDF.type)}
+    types -= {RT.ManipulableObject, RT.Exemplar}
     above = {
         kind: {quad.object for quad in kb.match(kind, RDFS.subClassOf, None)} - {kind}
         for kind in types

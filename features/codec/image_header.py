@@ -9,7 +9,16 @@ import struct
 
 from features.codec.limits import CloudFormatError, UnknownFormatError
 
-__all__ = ["bits_of", "has_alpha", "image_size", "is_cut_off", "is_image"]
+__all__ = [
+    "bits_of",
+    "has_alpha",
+    "image_size",
+    "is_cut_off",
+    "is_deep_grey",
+    "is_image",
+    "orientation_of",
+    "transparent_grey",
+]
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"IEND\xaeB`\x82"
@@ -18,7 +27,10 @@ _TIFF = {b"II*\0": "<", b"MM\0*": ">"}
 _SOF_MARKERS = frozenset({0xC0, 0xC1, 0xC2})
 _STANDALONE = frozenset({0x01, *range(0xD0, 0xD9)})
 _MAX_TIFF_ENTRIES = 256
-_WIDTH, _HEIGHT, _BITS = 256, 257, 258
+_WIDTH, _HEIGHT, _BITS, _MEANING, _ORIENTATION, _SAMPLES = 256, 257, 258, 262, 274, 277
+_TIFF_RGB = 2
+_BMP_ALPHA_MASK = 66
+"""Offset of the mask of alpha in headers of 56 bytes and more."""
 _FORMATS = "PNG, JPEG, WebP, BMP or TIFF"
 
 
@@ -74,24 +86,49 @@ def bits_of(data: bytes) -> int:
     """Return the bits of a channel of a PNG or TIFF; 8 for other formats."""
     if data.startswith(_PNG) and len(data) > 24:
         return data[24]
-    if data[:4] in _TIFF:
-        try:
-            return _tiff_entries(data).get(_BITS, 1)
-        except struct.error:
-            return 8
-    return 8
+    return _tiff_number(data, _BITS, 1) if data[:4] in _TIFF else 8
+
+
+def is_deep_grey(data: bytes) -> bool:
+    """Whether a PNG or TIFF is grey with 16 bits: depth or infrared, and no photograph."""
+    if data.startswith(_PNG):
+        return bits_of(data) == 16 and data[25] == 0
+    return data[:4] in _TIFF and bits_of(data) == 16 and _tiff_number(data, _SAMPLES, 1) == 1
 
 
 def has_alpha(data: bytes) -> bool:
-    """Whether a PNG or WebP says that some of its pixels may be transparent."""
+    """Whether a picture says that some of its pixels may be transparent; JPEG cannot."""
     if data.startswith(_PNG) and len(data) > 25:
         return data[25] in (4, 6) or b"tRNS" in data[: data.find(b"IDAT")]
+    if data[:4] in _TIFF:
+        is_rgb = _tiff_number(data, _MEANING, 0) == _TIFF_RGB
+        return is_rgb and _tiff_number(data, _SAMPLES, 3) == 4
+    if data.startswith(b"BM"):
+        return (
+            len(data) > _BMP_ALPHA_MASK + 4
+            and int.from_bytes(data[14:18], "little") >= 56
+            and any(data[_BMP_ALPHA_MASK : _BMP_ALPHA_MASK + 4])
+        )
     if not _is_webp(data) or len(data) < 25:
         return False
     kind = data[12:16]
     if kind == b"VP8X":
         return bool(data[20] & 0x10)
     return kind == b"VP8L" and bool(data[24] & 0x10)
+
+
+def transparent_grey(data: bytes) -> int | None:
+    """Return the grey that a PNG of 8 bits declares transparent (PNG, 11.3.2.1), if any."""
+    at = data.find(b"tRNS", 0, max(data.find(b"IDAT"), 0))
+    if not data.startswith(_PNG) or at < 0 or bits_of(data) != 8 or data[25] != 0:
+        return None
+    return data[at + 5]
+
+
+def orientation_of(exif: bytes) -> int:
+    """Return the orientation that EXIF data or a TIFF say, 1 to 8; 1 = upright, or not said."""
+    orientation = _tiff_number(exif, _ORIENTATION, 1) if exif[:4] in _TIFF else 1
+    return orientation if 1 <= orientation <= 8 else 1
 
 
 def _is_webp(data: bytes) -> bool:
@@ -135,6 +172,14 @@ def _bmp_size(data: bytes) -> tuple[int, int]:
     else:
         width, height = struct.unpack_from("<ii", data, 18)
     return int(width), abs(int(height))
+
+
+def _tiff_number(data: bytes, tag: int, otherwise: int) -> int:
+    """Return a number of a TIFF; another one where it is not said, or where the file is damaged."""
+    try:
+        return _tiff_entries(data).get(tag, otherwise)
+    except struct.error:
+        return otherwise
 
 
 def _tiff_entries(data: bytes) -> dict[int, int]:

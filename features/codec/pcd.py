@@ -10,14 +10,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from features.codec.limits import CloudFormatError, Limits
-from features.codec.table import Table, cloud_from_fields, read_text_rows
+from features.codec.table import Table, cloud_from_fields, read_text_rows, split_colour
 from features.codec.types import Cloud
 
-__all__ = ["is_pcd", "read_pcd", "split_colour", "write_pcd"]
+__all__ = ["is_pcd", "read_pcd", "write_pcd"]
 
 _MAX_HEADER = 65_536
 _FRAME = "#frame_id"
-_FIRST = ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT")
+_KEYS = (
+    "VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT",
+    "POINTS",
+)  # fmt: skip
 _AT_ORIGIN = (0, 0, 0, 1, 0, 0, 0)
 _KINDS = {"F": "f", "U": "u", "I": "i"}
 
@@ -35,7 +38,7 @@ def is_pcd(data: bytes) -> bool:
     for line in data[:_MAX_HEADER].split(b"\n"):
         words = line.split()
         if words and not words[0].startswith(b"#"):
-            return words[0].decode("ascii", "replace") in _FIRST
+            return words[0].decode("ascii", "replace") in _KEYS
     return False
 
 
@@ -52,9 +55,9 @@ def read_pcd(data: bytes, limits: Limits) -> Cloud:
     """
     header, body = _read_header(data)
     fields = _layout(header)
-    count = _whole(header, "POINTS")
+    count = _count(header)
     limits.check_points(count)
-    kind = header["DATA"][0]
+    kind = header["DATA"][0].lower()
     if kind == "ascii":
         table = read_text_rows(data[body:], count, fields, "PCD")
     elif kind == "binary":
@@ -152,6 +155,13 @@ def _read_header(data: bytes) -> tuple[dict[str, list[str]], int]:
     raise CloudFormatError("PCD: the header has no DATA line")
 
 
+def _count(header: dict[str, list[str]]) -> int:
+    """Return the number of points; files of the first versions say only WIDTH and HEIGHT."""
+    if "POINTS" in header or "WIDTH" not in header:
+        return _whole(header, "POINTS")
+    return _whole(header, "WIDTH") * (_whole(header, "HEIGHT") if "HEIGHT" in header else 1)
+
+
 def _whole(header: dict[str, list[str]], key: str) -> int:
     words = header.get(key, [])
     if len(words) != 1 or not words[0].isdigit():
@@ -174,7 +184,8 @@ def _layout(header: dict[str, list[str]]) -> list[tuple[str, str]]:
         if not count.isdigit() or not 1 <= int(count) <= 1_024:
             raise CloudFormatError(f"PCD: field {name} of COUNT {count}")
         several = int(count) > 1 or name == "_"
-        fields += [(f"{name}#{len(fields)}" if several else name, code) for _ in range(int(count))]
+        for _ in range(int(count)):
+            fields.append((f"{name}#{len(fields)}" if several else name, code))
     if len({name for name, _ in fields}) != len(fields):
         raise CloudFormatError("PCD: a field stands twice")
     return fields
@@ -235,12 +246,3 @@ def _lzf(data: bytes, size: int) -> bytes:
     if len(out) != size:
         raise CloudFormatError(f"PCD: unpacks to {len(out)} bytes, not {size}")
     return bytes(out)
-
-
-def split_colour(table: Table) -> None:
-    """Replace a packed ``rgb`` or ``rgba`` field (uint32, or the same bits as float) by r, g, b."""
-    for name in ("rgb", "rgba"):
-        if name in table and table[name].dtype.itemsize == 4:
-            packed = np.ascontiguousarray(table.pop(name)).view(np.uint32)
-            for channel, shift in (("r", 16), ("g", 8), ("b", 0)):
-                table[channel] = ((packed >> shift) & 255).astype(np.uint8)

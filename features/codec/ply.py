@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.codec.limits import CloudFormatError, Limits
-from features.codec.table import Table, cloud_from_fields, read_text_rows
+from features.codec.table import Table, cloud_from_fields, read_text_rows, split_colour
 from features.codec.types import Cloud
 
 __all__ = ["read_ply"]
@@ -31,7 +31,8 @@ def read_ply(data: bytes, limits: Limits) -> Cloud:
     """Return the vertices of a PLY file.
 
     A range grid (Turk 1994) or the camera of the Point Cloud Library makes an organised cloud.
-    Colours are 8-bit numbers, or shares of one as floats; lists within a vertex are skipped.
+    Colours are numbers of 8 or 16 bits, shares of one, or packed into one ``rgb``; lists within a
+    vertex are skipped.
 
     Raises
     ------
@@ -46,7 +47,8 @@ def read_ply(data: bytes, limits: Limits) -> Cloud:
     limits.check_points(header.count)
     rows = data[_start_of_vertices(header, data, body, limits) :]
     table, rest = _vertices(header, rows)
-    channels = _eight_bits(table)
+    split_colour(table)
+    channels = next((names for names in _COLOURS if set(names) <= table.keys()), _COLOURS[0])
     shape, places = _organisation(header, rest, limits)
     count = header.count
     if places is None:
@@ -143,18 +145,6 @@ def _start_of_vertices(header: _Header, data: bytes, body: int, limits: Limits) 
     if at > len(data):
         raise CloudFormatError("PLY: cut off before the vertices")
     return at
-
-
-def _eight_bits(table: Table) -> tuple[str, str, str]:
-    """Make the colours of a table 8-bit numbers, and return the names of their columns."""
-    for names in _COLOURS:
-        if all(name in table for name in names):
-            for name in names:
-                if table[name].dtype.kind == "f":
-                    shares = np.nan_to_num(table[name].astype(np.float64))
-                    table[name] = np.rint(np.clip(shares, 0, 1) * 255).astype(np.uint8)
-            return names
-    return _COLOURS[0]
 
 
 def _organisation(

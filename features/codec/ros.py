@@ -16,8 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.codec.compressed_depth import decode_compressed_depth, is_compressed_depth
+from features.codec.image_header import image_size
+from features.codec.image_header import is_image as is_picture
 from features.codec.limits import CloudFormatError, Limits
 from features.codec.pcd import write_pcd
+from features.codec.table import as_eight_bits
 from features.geometry import finite_depth
 
 __all__ = [
@@ -33,17 +36,27 @@ _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"
 # Encodings that OpenCV turns into RGB (sensor_msgs/image_encodings.h); a Bayer pattern is named by
 # its first row in ROS, by its second in OpenCV.
 _CONVERTED = {
-    "yuv422": (2, cv2.COLOR_YUV2RGB_UYVY), "uyvy": (2, cv2.COLOR_YUV2RGB_UYVY),
-    "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUY2), "yuyv": (2, cv2.COLOR_YUV2RGB_YUY2),
-    "bayer_rggb8": (1, cv2.COLOR_BayerBG2RGB), "bayer_bggr8": (1, cv2.COLOR_BayerRG2RGB),
-    "bayer_gbrg8": (1, cv2.COLOR_BayerGR2RGB), "bayer_grbg8": (1, cv2.COLOR_BayerGB2RGB),
+    "yuv422": ("u1", 2, cv2.COLOR_YUV2RGB_UYVY), "uyvy": ("u1", 2, cv2.COLOR_YUV2RGB_UYVY),
+    "yuv422_yuy2": ("u1", 2, cv2.COLOR_YUV2RGB_YUY2), "yuyv": ("u1", 2, cv2.COLOR_YUV2RGB_YUY2),
+    **{
+        f"bayer_{pattern}{bits}": (code, 1, conversion)
+        for bits, code in ((8, "u1"), (16, "u2"))
+        for pattern, conversion in (
+            ("rggb", cv2.COLOR_BayerBG2RGB), ("bggr", cv2.COLOR_BayerRG2RGB),
+            ("gbrg", cv2.COLOR_BayerGR2RGB), ("grbg", cv2.COLOR_BayerGB2RGB),
+        )
+    },
 }  # fmt: skip
 _ENCODINGS = {
     "rgb8": ("u1", 3), "bgr8": ("u1", 3), "rgba8": ("u1", 4), "bgra8": ("u1", 4),
-    "mono8": ("u1", 1), "8UC1": ("u1", 1), "8UC3": ("u1", 3), "mono16": ("u2", 1),
-    "16UC1": ("u2", 1), "32FC1": ("f4", 1),
+    "rgb16": ("u2", 3), "bgr16": ("u2", 3), "rgba16": ("u2", 4), "bgra16": ("u2", 4),
+    "mono8": ("u1", 1), "8UC1": ("u1", 1), "8UC3": ("u1", 3), "8UC4": ("u1", 4),
+    "16UC3": ("u2", 3), "16UC4": ("u2", 4),
+    "mono16": ("u2", 1), "16UC1": ("u2", 1), "32FC1": ("f4", 1),
 }  # fmt: skip
-_JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG"
+_REVERSED = ("bgr", "8UC", "16UC")
+"""Encodings whose channels are blue, green, red; OpenCV orders those without names so."""
+_PNG = b"\x89PNG"
 
 
 def is_point_cloud(message: Any) -> bool:
@@ -85,7 +98,8 @@ def pcd_from_point_cloud(message: Mapping[str, Any], limits: Limits | None = Non
         raise CloudFormatError(f"PointCloud2: no field {', '.join(missing)}")
     table: dict[str, NDArray[Any]] = {axis: rows[axis].astype("<f4") for axis in "xyz"}
     if all(channel in (layout.names or ()) for channel in "rgb"):
-        red, green, blue = (_colour_channel(rows[channel]) for channel in "rgb")
+        colours = as_eight_bits(np.stack([rows[channel] for channel in "rgb"], axis=-1))
+        red, green, blue = colours.astype("<u4").T
         table["rgb"] = (red << 16 | green << 8 | blue).astype("<u4")
     for name in ("rgb", "rgba"):
         if name in (layout.names or ()) and layout[name].itemsize == 4:
@@ -95,13 +109,6 @@ def pcd_from_point_cloud(message: Mapping[str, Any], limits: Limits | None = Non
     header = message.get("header")
     frame_id = header.get("frame_id", "") if isinstance(header, Mapping) else ""
     return write_pcd(table, (height, width), str(frame_id))
-
-
-def _colour_channel(values: NDArray[Any]) -> NDArray[np.uint32]:
-    """Return a channel of colour as 0 to 255: whole numbers are that, others shares of one."""
-    if values.dtype.kind == "f":
-        values = np.rint(np.clip(np.nan_to_num(values), 0.0, 1.0) * 255)
-    return np.asarray(np.clip(values, 0, 255), np.uint32)
 
 
 def _layout(message: Mapping[str, Any], step: int) -> np.dtype[Any]:
@@ -129,7 +136,7 @@ def _layout(message: Mapping[str, Any], step: int) -> np.dtype[Any]:
 
 
 def image_bytes(message: Mapping[str, Any], limits: Limits | None = None) -> bytes:
-    """Return the picture of a CompressedImage or Image message as PNG or JPEG.
+    """Return the picture of a CompressedImage as it came, or that of an Image as PNG.
 
     Raises
     ------
@@ -143,16 +150,35 @@ def image_bytes(message: Mapping[str, Any], limits: Limits | None = None) -> byt
             return _png(_millimetres(decode_compressed_depth(str(message["format"]), data, limits)))
         # Transports put a header before the picture of compressedDepth.
         at = data.find(_PNG, 0, 64)
-        image = data if data.startswith(_JPEG) or at < 0 else data[at:]
-        if not image.startswith((_JPEG, _PNG)):
+        image = data if is_picture(data) or at < 0 else data[at:]
+        if not is_picture(image):
             raise CloudFormatError(
-                f"CompressedImage: format {message.get('format')!r} is neither PNG nor JPEG"
+                f"CompressedImage: format {message.get('format')!r} is no picture (JPEG, PNG, "
+                "WebP, BMP, TIFF)"
             )
-        return image
+        return _true_colours(image, str(message.get("format")), limits)
     pixels = pixels_of_image(message, limits)
     if pixels.dtype == np.float32:
         pixels = _millimetres(finite_depth(pixels))
     return _png(pixels[..., ::-1] if pixels.ndim == 3 else pixels)
+
+
+def _true_colours(image: bytes, format_text: str, limits: Limits) -> bytes:
+    """Return a picture as it looks: the old ``compressed rgb8`` stored red and blue exchanged.
+
+    ``compressed_image_transport`` gave RGB to an encoder that expects BGR; its subscriber, like
+    this, tells from the format.
+    """
+    if "compressed rgb" not in format_text:
+        return image
+    limits.check_image(*image_size(image))
+    try:
+        pixels = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:
+        raise CloudFormatError(f"the image does not decode ({error.err})") from None
+    if pixels is None:
+        raise CloudFormatError("the image does not decode")
+    return _png(pixels[..., ::-1])
 
 
 def _millimetres(depth_m: NDArray[np.float32]) -> NDArray[np.uint16]:
@@ -182,7 +208,7 @@ def pixels_of_image(message: Mapping[str, Any], limits: Limits | None = None) ->
         readable = ", ".join((*_ENCODINGS, *_CONVERTED))
         raise CloudFormatError(f"Image: encoding {encoding!r} is not known; one of {readable}")
     conversion = _CONVERTED.get(encoding)
-    code, channels = ("u1", conversion[0]) if conversion else _ENCODINGS[encoding]
+    code, channels = conversion[:2] if conversion else _ENCODINGS[encoding]
     height, width = _whole(message, "height"), _whole(message, "width")
     limits.check_image(width, height)
     kind = np.dtype((">" if message.get("is_bigendian") else "<") + code)
@@ -194,15 +220,17 @@ def pixels_of_image(message: Mapping[str, Any], limits: Limits | None = None) ->
     rows = np.frombuffer(data.ljust(height * step, b"\0"), np.uint8, height * step)
     pixels = rows.reshape(height, step)[:, :used].copy().view(kind)
     pixels = pixels.astype(kind.newbyteorder("="))
+    if code == "u2" and (conversion is not None or channels > 1):
+        pixels = (pixels >> 8).astype(np.uint8)
     if conversion is not None:
         if width % 2 or (channels == 1 and height % 2):
             raise CloudFormatError(f"Image: {encoding} of {width}x{height} px; sides must be even")
         raw = pixels.reshape(height, width, channels)
-        return np.asarray(cv2.cvtColor(raw, conversion[1]), dtype=np.uint8)
+        return np.asarray(cv2.cvtColor(raw, conversion[2]), dtype=np.uint8)
     if channels == 1:
         return pixels
     pixels = pixels.reshape(height, width, channels)[..., :3]
-    return pixels[..., ::-1].copy() if encoding[0] in "b8" else pixels.copy()
+    return pixels[..., ::-1].copy() if encoding.startswith(_REVERSED) else pixels.copy()
 
 
 def raw_data(message: Mapping[str, Any], limits: Limits | None = None) -> bytes:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from features.codec.limits import CloudFormatError
 from features.codec.types import Cloud
 
-__all__ = ["Table", "cloud_from_fields", "read_text_rows"]
+__all__ = ["Table", "as_eight_bits", "cloud_from_fields", "read_text_rows", "split_colour"]
 
 Table = dict[str, NDArray[Any]]
 
@@ -68,9 +68,42 @@ def cloud_from_fields(
         raise CloudFormatError(f"{name}: a point lies beyond {_MAX_COORDINATE_M:.0f} m")
     colours = None
     if all(channel in table for channel in colour_names):
-        channels = [table[channel] for channel in colour_names]
-        if any(channel.dtype != np.uint8 for channel in channels):
-            raise CloudFormatError(f"{name}: colours must be 8-bit whole numbers")
-        colours = np.stack(channels, axis=-1)[finite]
+        channels = np.stack([table[channel] for channel in colour_names], axis=-1)
+        colours = as_eight_bits(channels)[finite]
     places = None if finite.all() else np.flatnonzero(finite)
     return Cloud(positions, colours, shape=whole, places=places)
+
+
+def as_eight_bits(channels: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return colours (n, 3) as 0 to 255, whatever scale they were written in.
+
+    No format says the scale, so the largest number does: shares of one, 8 bits or 16. A file of
+    numbers up to one in floats is shares, for no scene is as dark as 1 of 255.
+
+    Examples
+    --------
+    >>> as_eight_bits(np.array([[1.0, 0.2, 0.0]])).tolist()
+    [[255, 51, 0]]
+    >>> as_eight_bits(np.array([[200.0, 51.0, 0.0]])).tolist()
+    [[200, 51, 0]]
+    >>> as_eight_bits(np.array([[65535, 13107, 0]], np.uint16)).tolist()
+    [[255, 51, 0]]
+    """
+    if channels.dtype == np.uint8:
+        return np.asarray(channels, np.uint8)
+    values = np.nan_to_num(channels.astype(np.float64), posinf=0.0, neginf=0.0)
+    largest = values.max(initial=0.0)
+    if largest > 255:
+        values = values / 257
+    elif channels.dtype.kind == "f" and largest <= 1:
+        values = values * 255
+    return np.rint(np.clip(values, 0, 255)).astype(np.uint8)
+
+
+def split_colour(table: Table) -> None:
+    """Replace a packed ``rgb`` or ``rgba`` field (uint32, or the same bits as float) by r, g, b."""
+    for name in ("rgb", "rgba"):
+        if name in table and table[name].dtype.itemsize == 4:
+            packed = np.ascontiguousarray(table.pop(name)).view(np.uint32)
+            for channel, shift in (("r", 16), ("g", 8), ("b", 0)):
+                table[channel] = ((packed >> shift) & 255).astype(np.uint8)

@@ -7,7 +7,7 @@ What comes out is a :class:`~features.geometry.Frame`: one pinhole, colour and d
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -31,6 +31,7 @@ __all__ = [
     "camera_of_grid",
     "frame_of_grid",
     "lens_from_message",
+    "lens_of_size",
     "scaled",
     "undistorted",
 ]
@@ -135,6 +136,43 @@ def lens_from_message(message: Mapping[str, Any], is_rectified: bool = False) ->
     if any(coefficients) and model not in ("plumb_bob", "rational_polynomial", ""):
         raise ValueError(f"distortion_model {model!r} is not known; undistort the images first")
     return Lens(camera, coefficients)
+
+
+def lens_of_size(lens: Lens, message: Mapping[str, Any], shape: tuple[int, int]) -> Lens:
+    """Return a lens for an image (h, w) that its camera cut out, binned or made smaller.
+
+    ``sensor_msgs/CameraInfo`` describes the full sensor; ``roi`` and ``binning_x``, ``binning_y``
+    say which part was read, and how. Where they do not lead to the size of the image, one with the
+    same proportions is taken for the full view at another resolution.
+
+    Raises
+    ------
+    ValueError
+        No such change makes an image of this size.
+    """
+    full = lens.intrinsics
+    if (full.height, full.width) == shape:
+        return lens
+    region = _region(message)
+    bins = [max(int(message.get(name) or 1), 1) for name in ("binning_x", "binning_y")]
+    left, top, across, down = region if region[2] and region[3] else (0, 0, full.width, full.height)
+    if (down // bins[1], across // bins[0]) == shape:
+        part = Intrinsics(across, down, full.fx, full.fy, full.cx - left, full.cy - top)
+        return replace(lens, intrinsics=scaled(part, shape[1], shape[0]))
+    if abs(shape[1] * full.height / (shape[0] * full.width) - 1) > 0.01:
+        raise ValueError(
+            f"it describes {full.width}x{full.height} px, the image has {shape[1]}x{shape[0]}"
+        )
+    return replace(lens, intrinsics=scaled(full, shape[1], shape[0]))
+
+
+def _region(message: Mapping[str, Any]) -> tuple[int, int, int, int]:
+    """Return left, top, width and height of ``roi``; zeros where it is not said."""
+    roi = message.get("roi")
+    names = ("x_offset", "y_offset", "width", "height")
+    fields = roi if isinstance(roi, Mapping) else {name: getattr(roi, name, 0) for name in names}
+    left, top, across, down = (int(fields.get(name) or 0) for name in names)
+    return left, top, across, down
 
 
 def _projection(message: Mapping[str, Any]) -> list[float] | None:

@@ -14,31 +14,23 @@ from features.codec.ros import image_bytes, pcd_from_point_cloud
 from features.codec.sniff import decode
 from features.codec.types import Cloud
 from features.geometry import Frame
-from features.imaging.camera import Lens, lens_from_message
+from features.imaging.camera import Lens, lens_from_message, lens_of_size
+from features.imaging.mounting import Mounting
 from features.imaging.photo import Photo, read_photo
 from features.imaging.pictures import (
     PAIRED_S,
     depth_of_message,
+    implausible_cloud,
     implausible_depth,
-    is_infrared_topic,
-    is_rectified_topic,
     view_of_images,
 )
+from features.imaging.topics import Plan, is_rectified_topic, sensor_of
 
-__all__ = ["Pairing", "has_space", "sensor_of"]
+__all__ = ["Pairing"]
 
 _TRANSPORTS = ("compressed", "compressedDepth", "theora", "ffmpeg")
 _STORED_BYTES = 256 * 2**20
 _MILLIMETRE = 0.001
-
-
-def has_space(topics: list[tuple[str, str]]) -> bool:
-    """Return whether any topic carries depth or clouds, from names and types."""
-    return any(
-        kind.endswith("PointCloud2")
-        or ("depth" in topic.lower() and not kind.endswith("CameraInfo"))
-        for topic, kind in topics
-    )
 
 
 class _Depth(NamedTuple):
@@ -53,6 +45,7 @@ class _Colour(NamedTuple):
     time_s: float
     topic: str
     photo: Photo
+    frame_id: str
 
 
 @dataclass
@@ -61,21 +54,30 @@ class Pairing:
 
     Parameters
     ----------
-    has_space
-        Whether depth or clouds are to be expected.
+    plan
+        What each topic is for.
     warn
         Called once for each topic that is left out, with the reason.
+    mounting
+        How the cameras stand to one another.
     units_m
         Metres of one step of depth, by sensor, where a recording says it.
     """
 
-    has_space: bool
+    plan: Plan
     warn: Callable[[str], None]
+    mounting: Mounting = field(default_factory=Mounting)
     units_m: dict[str, float] = field(default_factory=dict)
     _cameras: dict[str, Mapping[str, Any]] = field(default_factory=dict)
-    _colour: _Colour | None = None
-    _depth: _Depth | None = None
+    _colours: dict[str, _Colour] = field(default_factory=dict)
+    _depths: dict[str, _Depth] = field(default_factory=dict)
     _warned: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        for topic, reason in self.plan.left_out.items():
+            self._leave_out(topic, reason)
+        for topic, doubt in self.plan.doubts.items():
+            self._warn_once(topic, doubt)
 
     def add_camera(self, topic: str, message: Mapping[str, Any]) -> None:
         """Take the description of a camera, ``sensor_msgs/CameraInfo``, from its topic."""
@@ -92,87 +94,128 @@ class Pairing:
 
     def finish(self) -> Iterator[Frame]:
         """Yield the depth that still waits, with the colour that is near in time."""
-        if self._depth is not None:
-            yield from self._join(self._colour)
+        for topic in list(self._depths):
+            yield from self._join(topic, self._colour_near(topic))
 
     def _take(
         self, topic: str, kind: str, message: Mapping[str, Any], time_s: float
     ) -> Iterator[Frame | Cloud | Photo]:
         if kind.endswith("CameraInfo"):
             self.add_camera(topic, message)
-            return
-        if kind.endswith("PointCloud2"):
+        elif kind.endswith("PointCloud2"):
             seen = decode(pcd_from_point_cloud(message), Limits(stored_bytes=_STORED_BYTES))
-            stamp_s = _stamp_s(message, time_s)
-            yield replace(seen, stamp_s=stamp_s) if isinstance(seen, Cloud) else seen
-            return
-        says_depth = "depth" in topic.lower()
-        if not says_depth and is_infrared_topic(topic):
-            self._leave_out(topic, "infrared, which is neither depth nor colour")
-            return
-        depth_m = depth_of_message(message, says_depth)
-        if depth_m is not None and (says_depth or not self.has_space):
-            yield from self._take_depth(topic, message, depth_m, time_s)
-        elif depth_m is not None or message.get("encoding") == "mono16":
-            what = message.get("encoding", message.get("format"))
-            self._leave_out(topic, f"{what} on a topic that does not say that it carries depth")
-        else:
-            yield from self._take_colour(_Colour(time_s, topic, read_photo(image_bytes(message))))
+            if not isinstance(seen, Cloud):
+                yield seen
+                return
+            doubt = implausible_cloud(seen.positions)
+            if doubt:
+                self._warn_once(topic, doubt)
+            yield replace(seen, stamp_s=_stamp_s(message, time_s))
+        elif topic in self.plan.depth:
+            depth_m = depth_of_message(message, is_depth_topic=True)
+            if depth_m is None:
+                what = message.get("encoding", message.get("format"))
+                self._leave_out(topic, f"{what} on a topic of depth holds no depth")
+            else:
+                yield from self._take_depth(topic, message, depth_m, time_s)
+        elif topic in self.plan.colour and topic not in self.plan.left_out:
+            photo = read_photo(image_bytes(message))
+            frame_id = str(message["header"]["frame_id"])
+            yield from self._take_colour(_Colour(time_s, topic, photo, frame_id))
 
     def _take_depth(
         self, topic: str, message: Mapping[str, Any], depth_m: NDArray[np.float32], time_s: float
     ) -> Iterator[Frame]:
-        yield from self.finish()
+        if topic in self._depths:
+            yield from self._join(topic, self._colour_near(topic))
         unit_m = self.units_m.get(sensor_of(topic), _MILLIMETRE)
         depth_m = np.asarray(depth_m * np.float32(unit_m / _MILLIMETRE))
         doubt = implausible_depth(depth_m)
         if doubt:
             self._warn_once(topic, doubt)
         frame_id, stamp_s = str(message["header"]["frame_id"]), _stamp_s(message, time_s)
-        self._depth = _Depth(time_s, stamp_s, topic, depth_m, frame_id)
-        if self._colour is not None and time_s - self._colour.time_s < PAIRED_S / 4:
-            yield from self._join(self._colour)
+        self._depths[topic] = _Depth(time_s, stamp_s, topic, depth_m, frame_id)
+        colour = self._colour_near(topic)
+        if colour is not None and time_s - colour.time_s < PAIRED_S / 4:
+            yield from self._join(topic, colour)
 
     def _take_colour(self, colour: _Colour) -> Iterator[Frame | Photo]:
-        before, waiting = self._colour, self._depth
-        self._colour = colour
-        if not self.has_space and waiting is None:
+        is_alone = not self.plan.depth and not self.plan.has_clouds
+        if is_alone:
             yield colour.photo
-        if waiting is not None:
+        waiting = [
+            name for name in self._depths if colour.topic in self.plan.partners.get(name, ())
+        ]
+        before = {name: self._colour_near(name) for name in waiting}
+        self._colours[colour.topic] = colour
+        for name in waiting:
+            depth, earlier = self._depths[name], before[name]
             is_before_nearer = (
-                before is not None
-                and waiting.time_s - before.time_s < colour.time_s - waiting.time_s
+                earlier is not None and depth.time_s - earlier.time_s < colour.time_s - depth.time_s
             )
-            yield from self._join(before if is_before_nearer else colour)
+            yield from self._join(name, earlier if is_before_nearer else colour)
 
-    def _join(self, colour: _Colour | None) -> Iterator[Frame]:
+    def _colour_near(self, depth_topic: str) -> _Colour | None:
+        """Return the last picture of the camera of a topic of depth."""
+        partners = self.plan.partners.get(depth_topic, ())
+        seen = [self._colours[name] for name in partners if name in self._colours]
+        return max(seen, key=lambda colour: colour.time_s, default=None)
+
+    def _join(self, depth_topic: str, colour: _Colour | None) -> Iterator[Frame]:
         """Yield the depth that waits, with a colour image if it is near in time."""
-        assert self._depth is not None
-        time_s, stamp_s, topic, depth_m, frame_id = self._depth
-        self._depth = None
-        lens = self._lens(topic)
-        if lens is None or depth_m.shape != (lens.intrinsics.height, lens.intrinsics.width):
-            across, down = depth_m.shape[::-1]
-            self._leave_out(topic, f"no CameraInfo of {across}x{down} px beside it")
+        depth = self._depths.pop(depth_topic)
+        if colour is not None and abs(colour.time_s - depth.time_s) > PAIRED_S:
+            colour = None
+        shape = depth.depth_m.shape
+        lens = self._lens(depth_topic, shape)
+        if lens is None and self.plan.depth[depth_topic].is_aligned:
+            # Depth that was laid over colour is described by the camera of the colour.
+            partners = self.plan.partners[depth_topic]
+            lens = next(filter(None, (self._lens(name, shape) for name in partners)), None)
+        if lens is None:
+            across, down = shape[::-1]
+            self._leave_out(depth_topic, f"no CameraInfo of {across}x{down} px beside it")
             return
-        rgb = seen_by = None
-        if colour is not None and abs(colour.time_s - time_s) <= PAIRED_S:
-            rgb, seen_by = colour.photo.rgb, self._lens(colour.topic) or lens
-        try:
-            seen = view_of_images(depth_m, lens, rgb, seen_by)
-        except ValueError as error:
-            assert colour is not None
-            self._leave_out(colour.topic, str(error))
-            seen = view_of_images(depth_m, lens, None)
-        yield replace(seen, frame_id=frame_id, stamp_s=stamp_s)
+        seen = None
+        if colour is not None:
+            try:
+                seen = self._coloured(depth, lens, colour)
+            except ValueError as error:
+                self._leave_out(colour.topic, str(error))
+        if seen is None:
+            seen = view_of_images(depth.depth_m, lens, None)
+        yield replace(seen, frame_id=depth.frame_id, stamp_s=depth.stamp_s)
 
-    def _lens(self, topic: str) -> Lens | None:
-        """Return the lens of an image's topic; None where none is described, or not usably."""
+    def _coloured(self, depth: _Depth, lens: Lens, colour: _Colour) -> Frame:
+        rgb = colour.photo.rgb
+        seen_by = self._lens(colour.topic, rgb.shape[:2])
+        pose = None
+        where, whence = colour.frame_id.lstrip("/"), depth.frame_id.lstrip("/")
+        if where != whence and where and whence and not self.plan.depth[depth.topic].is_aligned:
+            pose = self.mounting.pose(where, whence)
+            if pose is None:
+                self._warn_once(
+                    colour.topic,
+                    f"in the frame {where}, depth in {whence}, and no static transform joins them: "
+                    "taken for seen from one place",
+                )
+        if seen_by is None and where != whence:
+            self._warn_once(
+                colour.topic, f"no CameraInfo beside it: taken for that of {depth.topic}"
+            )
+        return view_of_images(depth.depth_m, lens, rgb, seen_by, pose)
+
+    def _lens(self, topic: str, shape: tuple[int, ...]) -> Lens | None:
+        """Return the lens of an image (h, w) of a topic; None where none is described, or usable.
+
+        A description of another size is brought to that of the image where their sides agree.
+        """
         message = self._cameras.get(_space(topic))
         if message is None:
             return None
         try:
-            return lens_from_message(message, is_rectified_topic(topic))
+            lens = lens_from_message(message, is_rectified_topic(topic))
+            return lens_of_size(lens, message, (shape[0], shape[1]))
         except ValueError as error:
             self._warn_once(_space(topic), f"its CameraInfo is of no use: {error}")
             return None
@@ -190,19 +233,6 @@ def _stamp_s(message: Mapping[str, Any], recorded_s: float) -> float:
     """Return when a message was measured: by its header, or as it was recorded if that is empty."""
     stamp = message["header"]["stamp"]
     return float(stamp.sec + stamp.nanosec * 1e-9) or recorded_s
-
-
-def sensor_of(topic: str) -> str:
-    """Return the sensor of a topic of RealSense's own recordings; empty for other topics.
-
-    Examples
-    --------
-    >>> sensor_of("/device_0/sensor_0/option/Depth_Units/value")
-    '/device_0/sensor_0'
-    """
-    parts = topic.split("/")
-    is_sensor = len(parts) > 3 and parts[1].startswith("device_") and parts[2].startswith("sensor_")
-    return "/".join(parts[:3]) if is_sensor else ""
 
 
 def _space(topic: str) -> str:

@@ -8,7 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from features.codec.image_header import has_alpha, image_size
+from features.codec.image_header import (
+    has_alpha,
+    image_size,
+    is_deep_grey,
+    orientation_of,
+    transparent_grey,
+)
 from features.codec.limits import CloudFormatError
 from features.geometry import UInt8Array
 
@@ -23,6 +29,9 @@ _ENOUGH_PX = 6_000_000
 _MAX_ALPHA_PX = 25_000_000
 """Such pictures are decoded at their full size, with four channels."""
 _MOSTLY_OPAQUE = 127
+_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
+_MIRRORED = (2, 4, 5, 7)
+"""Orientations of EXIF: quarter turns to the left and, before them, a flip left to right."""
 _REDUCED = {
     1: cv2.IMREAD_COLOR_RGB,
     2: cv2.IMREAD_REDUCED_COLOR_2,
@@ -70,7 +79,8 @@ def read_photo(data: bytes, max_px: int = _ENOUGH_PX) -> Photo:
     Raises
     ------
     CloudFormatError
-        When the bytes are none of these, are damaged, or declare more than :data:`MAX_PX`.
+        When the bytes are none of these, are damaged, or declare more than :data:`MAX_PX`; when
+        they are grey with 16 bits, which is depth or infrared, or transparent altogether.
     """
     width, height = image_size(data)
     if width < 1 or height < 1:
@@ -79,6 +89,10 @@ def read_photo(data: bytes, max_px: int = _ENOUGH_PX) -> Photo:
         raise CloudFormatError(
             f"image of {width}x{height} px; at most {MAX_SIDE_PX} px a side and {MAX_PX} px in all "
             "are accepted"
+        )
+    if is_deep_grey(data):
+        raise CloudFormatError(
+            "grey of 16 bits, which is depth or infrared: a photograph has 8 bits a channel"
         )
     if has_alpha(data):
         cut_out = _read_with_alpha(data, width * height, max_px)
@@ -104,18 +118,13 @@ def _read_with_alpha(data: bytes, size_px: int, max_px: int) -> Photo | None:
         raise CloudFormatError(
             f"image of {size_px} px with transparency; at most {_MAX_ALPHA_PX} px are accepted"
         )
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise CloudFormatError(f"the image does not decode ({error.err})") from None
+    image = _with_four_channels(data)
     if image is None:
-        raise CloudFormatError("the image does not decode")
-    if image.ndim != 3 or image.shape[2] != 4:
         return None
-    if image.dtype == np.uint16:
-        image = (np.asarray(image, np.uint16) >> 8).astype(np.uint8)
     opaque = image[..., 3] > _MOSTLY_OPAQUE
-    if opaque.all():
+    if not opaque.any() and not data.startswith(b"BM"):  # a bitmap may leave its alpha unused
+        raise CloudFormatError("every pixel of the image is transparent")
+    if opaque.all() or not opaque.any():
         return None
     full_size = (image.shape[1], image.shape[0])
     rgb = np.where(opaque[..., None], image[..., 2::-1], 0).astype(np.uint8)
@@ -126,3 +135,32 @@ def _read_with_alpha(data: bytes, size_px: int, max_px: int) -> Photo | None:
         mask = cv2.resize(opaque.astype(np.uint8), smaller, interpolation=cv2.INTER_NEAREST)
         opaque = np.asarray(mask > 0)
     return Photo(np.ascontiguousarray(rgb), full_size, opaque)
+
+
+def _with_four_channels(data: bytes) -> UInt8Array | None:
+    """Decode BGR and alpha, upright; None if there is no alpha."""
+    try:
+        image, kinds, parts = cv2.imdecodeWithMetadata(
+            np.frombuffer(data, np.uint8), flags=cv2.IMREAD_UNCHANGED
+        )
+    except cv2.error as error:
+        raise CloudFormatError(f"the image does not decode ({error.err})") from None
+    if image is None:
+        raise CloudFormatError("the image does not decode")
+    key = transparent_grey(data)
+    if key is not None and image.ndim == 2:  # of colours, OpenCV makes alpha itself
+        image = np.dstack([image, image, image, np.where(image == key, 0, 255).astype(np.uint8)])
+    if image.ndim != 3 or image.shape[2] != 4:
+        return None
+    if image.dtype == np.uint16:
+        image = (np.asarray(image, np.uint16) >> 8).astype(np.uint8)
+    exif = (
+        np.asarray(part).tobytes()
+        for kind, part in zip(kinds, parts, strict=False)
+        if kind == cv2.IMAGE_METADATA_EXIF
+    )
+    orientation = orientation_of(next(exif, b""))
+    if orientation in _MIRRORED:
+        image = image[:, ::-1]
+    turned = np.rot90(image, _TURNS.get(orientation, 0))
+    return np.ascontiguousarray(turned, dtype=np.uint8)

@@ -1,12 +1,11 @@
 """Depth and colour images of a camera as one view, from the messages of ROS.
 
-Depth and colour are taken for registered, or for seen from one place: transforms between two
-cameras are not followed.
+Depth and colour are taken for registered, or for seen from one place, unless it is said how the
+cameras stand to one another.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,15 +15,14 @@ from numpy.typing import NDArray
 
 from features.codec.compressed_depth import decode_compressed_depth, is_compressed_depth
 from features.codec.ros import image_bytes, pixels_of_image, raw_data
-from features.geometry import Frame, UInt8Array, finite_depth
+from features.geometry import Float64Array, Frame, UInt8Array, finite_depth
 from features.imaging.camera import Lens, align_colour, undistorted
 
 __all__ = [
     "PAIRED_S",
     "depth_of_message",
+    "implausible_cloud",
     "implausible_depth",
-    "is_infrared_topic",
-    "is_rectified_topic",
     "view_of_images",
 ]
 
@@ -32,31 +30,8 @@ PAIRED_S = 0.1
 """Longest time between depth and the colour that belongs to it, s."""
 
 _DEPTH = ("16UC1", "32FC1")
-_INFRARED = re.compile(r"(^|[/_])(ir|infra\d*|infrared\d*|infrared_\d+|thermal|lwir)([/_]|$)", re.I)
 _NEAREST_M, _FARTHEST_M = 0.05, 10.0
 """Median depth of what a camera at a table may see."""
-
-
-def is_infrared_topic(topic: str) -> bool:
-    """Whether the name of a topic says that its images are infrared or thermal.
-
-    Examples
-    --------
-    >>> is_infrared_topic("/camera/infra1/image_rect_raw"), is_infrared_topic("/camera/first/image")
-    (True, False)
-    """
-    return _INFRARED.search(topic) is not None
-
-
-def is_rectified_topic(topic: str) -> bool:
-    """Whether images of a topic were rectified before they were published (``image_proc``).
-
-    Examples
-    --------
-    >>> is_rectified_topic("/camera/rgb/image_rect_color/compressed")
-    True
-    """
-    return any(part.startswith("image_rect") for part in topic.split("/"))
 
 
 def implausible_depth(depth_m: NDArray[np.float32]) -> str:
@@ -76,6 +51,27 @@ def implausible_depth(depth_m: NDArray[np.float32]) -> str:
     if middle < _NEAREST_M:
         return f"half of the depth lies within {middle:.3g} m: is it in another unit?"
     return ""
+
+
+def implausible_cloud(positions: NDArray[np.float32]) -> str:
+    """Return why the unit of points (n, 3), m, is doubtful; empty if it is plausible.
+
+    What a robot sees of a table lies together, wherever the origin is.
+
+    Examples
+    --------
+    >>> implausible_cloud(np.array([[0, 0, 700], [90, 0, 730], [-80, 10, 690]], np.float32))
+    'half of the points lie 80.6 m apart from their middle: are they in another unit?'
+    """
+    if not len(positions):
+        return ""
+    off = np.linalg.norm(positions - np.median(positions, axis=0), axis=1)
+    apart = float(np.median(off))
+    if apart <= _FARTHEST_M:
+        return ""
+    return (
+        f"half of the points lie {apart:.3g} m apart from their middle: are they in another unit?"
+    )
 
 
 def depth_of_message(
@@ -118,6 +114,7 @@ def view_of_images(
     depth_lens: Lens,
     rgb: UInt8Array | None,
     colour_lens: Lens | None = None,
+    colour_from_depth: Float64Array | None = None,
 ) -> Frame:
     """Return depth with colour at each of its pixels, in the pinhole of the depth camera.
 
@@ -130,11 +127,13 @@ def view_of_images(
     rgb : (k, l, 3) uint8 or None
     colour_lens
         Of ``rgb``; None = that of depth, at the size of ``rgb``.
+    colour_from_depth : (4, 4), m, or None
+        Pose of the depth camera in the frame of the colour camera; None = one place.
 
     Raises
     ------
     ValueError
-        The depth has another size than its camera, or colour and depth show different parts.
+        An image has another size than its camera, or colour and depth show different parts.
     """
     size = (depth_lens.intrinsics.height, depth_lens.intrinsics.width)
     if depth_m.shape != size:
@@ -146,9 +145,19 @@ def view_of_images(
     assert straight is not None
     if rgb is None:
         return Frame(straight, depth_lens.intrinsics)
-    seen_by = colour_lens or depth_lens
-    if rgb.shape[:2] != (seen_by.intrinsics.height, seen_by.intrinsics.width):
+    if colour_lens is None and rgb.shape[:2] != size:
+        if colour_from_depth is not None:
+            raise ValueError("colour from another place needs a camera of its own")
         return align_colour(straight, depth_lens.intrinsics, rgb)
+    seen_by = colour_lens or depth_lens
+    across, down = seen_by.intrinsics.width, seen_by.intrinsics.height
+    if rgb.shape[:2] != (down, across):
+        raise ValueError(
+            f"colour of {rgb.shape[1]}x{rgb.shape[0]} px is not from the camera of "
+            f"{across}x{down} px"
+        )
     flat, _ = undistorted(seen_by, rgb)
     assert flat is not None
-    return align_colour(straight, depth_lens.intrinsics, flat, seen_by.intrinsics)
+    return align_colour(
+        straight, depth_lens.intrinsics, flat, seen_by.intrinsics, colour_from_depth
+    )

@@ -1,10 +1,9 @@
 """Recordings of ROS: bags of ROS 1 and ROS 2, and MCAP (extra ``recordings``; needs no ROS).
 
-Depth is paired with the colour image nearest in time and with the CameraInfo beside its topic.
-Depth and colour of one name space are taken for registered. Transforms (tf) say where the camera
-was in the robot's frame; between cameras they are not followed. What a topic carries is read from
-its messages and its name, never assumed: infrared is no depth, and a topic that cannot be read is
-left out with a warning, not the whole recording.
+Depth is paired with the image nearest in time of its own camera's colour, and with the CameraInfo
+beside its topic; static transforms say how depth and colour stand to one another. What a topic
+carries is read from its messages and its name, never assumed: infrared is no depth, and a topic
+that cannot be read is left out with a warning, not the whole recording.
 """
 
 from __future__ import annotations
@@ -19,8 +18,10 @@ from typing import Any
 from features.codec.limits import CloudFormatError
 from features.codec.types import Cloud
 from features.geometry import Frame
-from features.imaging.pairing import Pairing, has_space, sensor_of
+from features.imaging.mounting import Mounting
+from features.imaging.pairing import Pairing
 from features.imaging.photo import Photo
+from features.imaging.topics import Topic, plan_topics, sensor_of
 
 __all__ = ["first_view", "message_mapping", "transforms_near", "views_of"]
 
@@ -85,7 +86,8 @@ def views_of(
         images = [each for each in reader.connections if each.msgtype in _TYPES]
         if not images:
             return  # none would mean all to the reader
-        pairing = Pairing(has_space([(c.topic, c.msgtype) for c in images]), warn)
+        plan = plan_topics([_topic(reader, connection) for connection in images])
+        pairing = Pairing(plan, warn, _mounting(reader))
         _read_cameras(reader, pairing)
         start = reader.start_time + int(from_s * 1e9)
         for connection, time_ns, raw in reader.messages(connections=images):
@@ -148,19 +150,45 @@ def _reading(path: Path) -> Iterator[Any]:
         raise CloudFormatError(f"no recording of ROS, or a damaged one: {error}") from error
 
 
+def _first_message(reader: Any, connection: Any) -> dict[str, Any]:
+    for _, _, raw in reader.messages(connections=[connection]):
+        return message_mapping(reader.deserialize(raw, connection.msgtype))
+    return {}
+
+
+def _topic(reader: Any, connection: Any) -> Topic:
+    if not connection.msgtype.endswith("Image"):
+        return Topic(connection.topic, connection.msgtype)
+    first = _first_message(reader, connection)
+    encoding = str(first.get("encoding", first.get("format", "")))
+    frame_id = str(first.get("header", {}).get("frame_id", ""))
+    return Topic(connection.topic, connection.msgtype, encoding, frame_id)
+
+
+def _mounting(reader: Any) -> Mounting:
+    """Return the static transforms of a recording."""
+    mounting = Mounting()
+    static = [
+        each for each in reader.connections
+        if each.msgtype in _TF_TYPES and each.topic.rstrip("/").endswith("tf_static")
+    ]  # fmt: skip
+    if static:
+        for connection, _, raw in reader.messages(connections=static):
+            mounting.add_message(reader.deserialize(raw, connection.msgtype))
+    return mounting
+
+
 def _read_cameras(reader: Any, pairing: Pairing) -> None:
     """Read each camera's first description, since images may be recorded before it comes."""
     for connection in reader.connections:
         is_unit = connection.topic.endswith(_UNIT)
         if not is_unit and not connection.msgtype.endswith("CameraInfo"):
             continue
-        for _, _, raw in reader.messages(connections=[connection]):
-            message = message_mapping(reader.deserialize(raw, connection.msgtype))
-            if is_unit:
-                pairing.units_m[sensor_of(connection.topic)] = float(message["data"])
-            else:
-                pairing.add_camera(connection.topic, message)
-            break
+        message = _first_message(reader, connection)
+        if is_unit and message:
+            pairing.units_m[sensor_of(connection.topic)] = float(message["data"])
+        elif message:
+            pairing.add_camera(connection.topic, message)
 
 
 def message_mapping(message: Any) -> dict[str, Any]:

@@ -8,7 +8,7 @@ computed from all outcomes together, so that it can be rebuilt from them exactly
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,7 +65,11 @@ IDENTITY = ScoreMap()
 """The map of a robot without outcomes: scores are believed."""
 
 
-def fit_map(outcomes: Iterable[tuple[float, bool]], prior: ScoreMap = IDENTITY) -> ScoreMap:
+def fit_map(
+    outcomes: Iterable[tuple[float, bool]],
+    prior: ScoreMap = IDENTITY,
+    weights: Sequence[float] | None = None,
+) -> ScoreMap:
     """Return the most probable map after outcomes, which may come in any order.
 
     Parameters
@@ -74,6 +78,8 @@ def fit_map(outcomes: Iterable[tuple[float, bool]], prior: ScoreMap = IDENTITY) 
         Score of a grasp, and whether it held; those whose score is not finite do not count.
     prior
         Means and variances of both numbers before; taken as independent.
+    weights
+        What each outcome counts, such as less for several of one object; None = 1.
 
     Examples
     --------
@@ -82,18 +88,25 @@ def fit_map(outcomes: Iterable[tuple[float, bool]], prior: ScoreMap = IDENTITY) 
     (0.6, 40)
     """
     # Sorted, so that sums round the same whatever the order.
-    observed = sorted((float(s), bool(held)) for s, held in outcomes if np.isfinite(s))
+    rows = list(outcomes)
+    given = [1.0] * len(rows) if weights is None else [float(weight) for weight in weights]
+    observed = sorted(
+        (float(s), bool(held), weight)
+        for (s, held), weight in zip(rows, given, strict=True)
+        if np.isfinite(s) and weight > 0
+    )
     if not observed:
         return prior
-    x = np.array([_logit(score) for score, _ in observed])
-    y = np.array([held for _, held in observed], dtype=np.float64)
+    x = np.array([_logit(score) for score, _, _ in observed])
+    y = np.array([held for _, held, _ in observed], dtype=np.float64)
+    counts = np.array([weight for _, _, weight in observed])
     start = np.array([prior.offset, prior.slope])
     precision = 1.0 / np.array(prior.variances)
-    best = _newton(x, y, start, precision, free=True)
+    best = _newton(x, y, counts, start, precision, free=True)
     if best[1] < 0:
-        best = _newton(x, y, np.array([prior.offset, 0.0]), precision, free=False)
+        best = _newton(x, y, counts, np.array([prior.offset, 0.0]), precision, free=False)
     p = 1 / (1 + np.exp(-(best[0] + best[1] * x)))
-    covariance = np.linalg.inv(_curvature(x, p, precision))
+    covariance = np.linalg.inv(_curvature(x, p * (1 - p) * counts, precision))
     return ScoreMap(
         float(best[0]), float(best[1]), (float(covariance[0, 0]), float(covariance[1, 1])),
         float(covariance[0, 1]), prior.outcomes + len(observed),
@@ -130,14 +143,20 @@ def band_margin(chances: FloatArray, shares: FloatArray, coverage: float = 0.9) 
 
 
 def _newton(
-    x: FloatArray, y: FloatArray, start: FloatArray, precision: FloatArray, free: bool
+    x: FloatArray,
+    y: FloatArray,
+    counts: FloatArray,
+    start: FloatArray,
+    precision: FloatArray,
+    free: bool,
 ) -> FloatArray:
     """Maximise the posterior; with ``free`` off the slope stays as it is."""
     at = start.copy()
     for _ in range(_ITERATIONS):
         p = 1 / (1 + np.exp(-(at[0] + at[1] * x)))
-        slope = np.array([(y - p).sum(), ((y - p) * x).sum()]) - precision * (at - start)
-        curvature = _curvature(x, p, precision)
+        rest = counts * (y - p)
+        slope = np.array([rest.sum(), (rest * x).sum()]) - precision * (at - start)
+        curvature = _curvature(x, counts * p * (1 - p), precision)
         step = np.linalg.solve(curvature, slope)
         if not free:
             step = np.array([slope[0] / curvature[0, 0], 0.0])
@@ -149,8 +168,7 @@ def _newton(
     return at
 
 
-def _curvature(x: FloatArray, p: FloatArray, precision: FloatArray) -> FloatArray:
-    w = p * (1 - p)
+def _curvature(x: FloatArray, w: FloatArray, precision: FloatArray) -> FloatArray:
     cross = (w * x).sum()
     return np.array([[w.sum(), cross], [cross, (w * x * x).sum()]]) + np.diag(precision)
 

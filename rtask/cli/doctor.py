@@ -218,7 +218,7 @@ def _axioms(folder: Path) -> Finding:
         return Finding("axioms", "ok", "none of robots")
     try:
         with rtask.open(folder, mode="r") as kb:
-            axioms = list(stored_axioms(kb.store, kb.graphs))
+            axioms = list(stored_axioms(kb.store, kb.graphs, kb.catalogue.declared()))
     except RtaskError:
         return Finding("axioms", "note", "not looked at: the store does not open")
     if not axioms:

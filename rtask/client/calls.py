@@ -757,6 +757,7 @@ class PastPlace(TypedDict):
     since: float
     seen: float
     until: float | None
+    left_before: float | None
     by: str
     moved_by: str
 

@@ -160,9 +160,10 @@ class ClassCatalogue:
 
 
 def _read_classes(kb: GraphCore) -> dict[str, ObjectClass]:
+    """Read the kinds of products; that something is a single exemplar says nothing of its kind."""
     rows = kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?class ?name ?short {{
-  ?class rdfs:subClassOf* rt:ManipulableObject FILTER(isIRI(?class))
+  ?class rdfs:subClassOf* rt:ManipulableObject FILTER(isIRI(?class) && ?class != rt:Exemplar)
   OPTIONAL {{ ?class rdfs:label|skos:altLabel ?name }} OPTIONAL {{ ?class rt:shortId ?short }}
 }} ORDER BY ?class ?name ?short""")
     names: dict[str, list[str]] = {}

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from rtask.kb.base import GraphBase
 from rtask.kb.commit.commit import Change
-from rtask.kb.durability.journal import NoJournal
+from rtask.kb.durability.journal import JournalFile
 from rtask.kb.feed.as_of import commit_at
 from rtask.kb.feed.history import HistoryEntry, Period, history, matcher
 from rtask.kb.feed.subscriptions import QUEUE, Filter, Subscription
@@ -104,10 +104,9 @@ class Watching(GraphBase):
         Bulk loads are not among them, because the journal does not hold what they add.
         """
         journal = self._files.journal
-        if isinstance(journal, NoJournal):
+        if not isinstance(journal, JournalFile):
             return 0
-        headers = (record.header for record in journal.records(seq))
-        return sum(int(header["added"]) + int(header["removed"]) for header in headers)
+        return sum(mark.changed for mark in journal.marks.after(seq))
 
     def history(
         self,

@@ -162,11 +162,13 @@ class Writing(Searching):
         return self._writer.queue()
 
     def stop_deriving(self) -> None:
-        """End the derivation under way, e.g. before closing; its commit is refused.
+        """End what takes long of the writes under way, e.g. before closing; they are refused.
 
-        Commits from which little follows are still stored; others raise `BusyError`.
+        Commits of few statements from which little follows are still stored. Others, and updates
+        that readers evaluate, raise `BusyError`.
         """
         self._writer.stop_deriving()
+        self.readers.stop_updates()
 
     def bulk_add(
         self, quads: Iterable[Quad] | TripleText, graph: GraphName, request: Request

@@ -8,13 +8,13 @@ objects.
 from __future__ import annotations
 
 import datetime as dt
-import difflib
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import (
+    TYPE_CHECKING,
     Any,
     ClassVar,
     NoReturn,
@@ -28,6 +28,7 @@ from typing import (
 from rtask.errors import FieldError, UsageError
 from rtask.model.codec import THING
 from rtask.model.limits import Limits
+from rtask.model.missing import missing_field, refuse_attribute
 from rtask.model.registry import ClassRegistry, count_class, generation, rank
 from rtask.rdf.terms import NamedNode, Term, iri
 
@@ -290,10 +291,11 @@ class Model(metaclass=ModelType):
 
     def __setattr__(self, name: str, value: object) -> None:
         if name != "iri" and name not in type(self).__fields__:
-            near = difflib.get_close_matches(name, type(self).__fields__, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise FieldError(f"{type(self).__name__} has no field {name!r}{hint}", field=name)
+            raise FieldError(missing_field(type(self), name), field=name)
         object.__setattr__(self, name, value)
+
+    if not TYPE_CHECKING:  # type checkers name attributes that are not there themselves
+        __getattr__ = refuse_attribute
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         """Refuse to be copied or pickled: an object is a view of the graph, one in each session.

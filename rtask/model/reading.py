@@ -224,7 +224,7 @@ class Reader:
         message = (
             f"{type(instance).__name__}.{field.name} of {instance!r} was not read by the"
             f" query for {state.origin}, and one query per object is slow: add"
-            f" .prefetch() of the path to it, or use .values()"
+            f" {_prefetch_of(instance, field)}, or use .values()"
         )
         if self._lazy == "raise":
             raise LazyLoadError(message, field=field.name)
@@ -267,3 +267,13 @@ def collect(facts: Facts, predicate: str, value: Term | None) -> None:
 
 def _iris(terms: Iterable[Term]) -> frozenset[str]:
     return frozenset(term.value for term in terms if isinstance(term, NamedNode))
+
+
+def _prefetch_of(instance: Model, field: Property) -> str:
+    """Return the call that has a query read a field, as far as its path is known."""
+    origin = instance.__state__.origin
+    if any(base.__name__ == origin for base in type(instance).__mro__):
+        return f".prefetch({origin}.{field.name})"
+    if not field.is_link:
+        return f".prefetch() of the path to it, {origin}. ... up to this {type(instance).__name__}"
+    return f".prefetch() of the path to it, {origin}. ... .{field.name}"

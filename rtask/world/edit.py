@@ -20,12 +20,9 @@ from rtask.world.placement import DEFAULT_SIGMA_M, Placement, Relation
 from rtask.world.standing import is_same_standing
 from rtask.world.state import WorldState
 from rtask.world.statements import Statement, confirmed, doubted, ended, new_exemplar, placed
-from rtask.world.uncertainty import Spread, spread_of
+from rtask.world.uncertainty import MOVED_M, Spread, spread_of
 
-__all__ = ["MOVED_M", "MOVED_RAD", "Seen", "WorldEdit"]
-
-MOVED_M = 0.02
-"""Distance from which a thing has moved, m."""
+__all__ = ["MOVED_RAD", "Seen", "WorldEdit"]
 
 MOVED_RAD = float(np.deg2rad(15.0))
 """Angle from which a thing has turned, rad."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import NamedNode, iri, python_value
 from rtask.world.frames import Rooted
+from rtask.world.names import present
 from rtask.world.placement import Placement
 
 if TYPE_CHECKING:
@@ -75,7 +77,7 @@ class Spots:
 
     def of(self, node: str, depth: int = 0) -> Spot | None:
         """Return the spot of a thing, frame, robot or place, or None if it is not known."""
-        placement = self.world.placement_at(node, self.time_s)
+        placement = self.world.placement_at(present(self.world, node), self.time_s)
         if placement is not None and self.is_thing(node):
             return self._of_thing(node, placement, depth)
         if self.world.kb.match(iri(node), RDF.type, RT.Frame):
@@ -87,12 +89,10 @@ class Spots:
 
     def placed(self, most: int) -> list[str]:
         """Return the things that have a place at this time, sorted, at most so many and one."""
-        subjects = self.world.index.held_at(self.time_s)
+        # A thing that turned out to be another one has its places of before under its own name.
+        subjects = {present(self.world, name) for name in self.world.index.held_at(self.time_s)}
         things = (subject for subject in sorted(subjects) if self.is_thing(subject))
-        return [
-            thing for _, thing in zip(range(most + 1), things, strict=False)
-            if not self.world.is_merged(thing)
-        ]  # fmt: skip
+        return list(itertools.islice(things, most + 1))
 
     def is_thing(self, node: str) -> bool:
         """Whether an IRI is of a thing."""
@@ -101,7 +101,7 @@ class Spots:
     def containers(self, thing: str) -> list[str]:
         """Return what a thing is in, the innermost first."""
         found: list[str] = []
-        node = thing
+        node = present(self.world, thing)
         while len(found) < _MAX_NESTING:
             placement = self.world.placement_at(node, self.time_s)
             if placement is None or placement.relation != "in" or placement.place in found:

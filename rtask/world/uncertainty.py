@@ -13,9 +13,12 @@ from dataclasses import dataclass
 
 from rtask.world.placement import Placement, Relation
 
-__all__ = ["GROWTH", "NEARBY_M", "Growth", "Spread", "spread_of"]
+__all__ = ["GROWTH", "MOVED_M", "NEARBY_M", "Growth", "Spread", "spread_of"]
 
 _DAY_S = 86_400.0
+
+MOVED_M = 0.02
+"""Distance from which a thing has moved, m."""
 
 NEARBY_M = 0.2
 """Distance within which the taking or putting of another thing may have touched this one, m."""

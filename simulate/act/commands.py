@@ -32,7 +32,7 @@ _csv = click.option(
     "--csv",
     "csv_path",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write one line per goal.",
+    help="Write one line per goal, as it goes.",
 )
 
 
@@ -85,12 +85,13 @@ def _trials(
     gui: bool,
 ) -> None:
     from simulate.act.service import ActService
-    from simulate.act.trials import reasons, write_csv
+    from simulate.act.trials import csv_log, reasons
 
     if n < 1 or seed < 0:
         raise UsageError(f"-n {n} --seed {seed}: expected one goal or more and no negative seed")
 
     def show(trial: Trial) -> None:
+        write(trial)
         if not as_json:
             error = "" if trial.error_m is None else f"{trial.error_m * 1000:6.1f}"
             click.echo(
@@ -101,10 +102,8 @@ def _trials(
 
     if not as_json:
         click.echo("    n        x        y        z   theta  arm            mm  CPU s  reason")
-    with _cell(robot, gui) as cell:
+    with _cell(robot, gui) as cell, csv_log(csv_path) as write:
         done = run(ActService(cell, seed=seed), n, seed, show)
-    if csv_path is not None:
-        write_csv(done, csv_path)
     reached = sum(trial.reached for trial in done)
     if as_json:
         result = {"robot": robot, "seed": seed, "n": n, "reached": reached,

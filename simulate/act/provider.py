@@ -269,6 +269,7 @@ class ActProvider:
                 self._send(socket, {"op": "action_feedback", **about, "values": feedback})
 
         def is_cancelled() -> bool:
+            self._publish_joints(socket)  # clients watch the arm on its way
             while (came := self._received(socket, 0)) is not None:
                 if came.get("op") in ("call_service", "send_action_goal"):
                     self._waiting.append(came)

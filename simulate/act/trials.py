@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Literal
@@ -14,7 +15,7 @@ import numpy as np
 
 from simulate.act.service import ActService
 
-__all__ = ["Trial", "place_test", "random_goal", "reach_test", "reasons", "write_csv"]
+__all__ = ["Trial", "csv_log", "place_test", "random_goal", "reach_test", "reasons"]
 
 _PURPOSES = {"reach": 0, "place": 1}
 _BEYOND_M = 0.03
@@ -119,9 +120,24 @@ def reasons(trials: Sequence[Trial]) -> dict[str, int]:
     return dict(Counter(trial.reason for trial in trials).most_common())
 
 
-def write_csv(trials: Sequence[Trial], path: Path) -> None:
-    """Write the trials as CSV, one per line."""
+@contextmanager
+def csv_log(path: Path | None) -> Iterator[Callable[[Trial], None]]:
+    """Open a CSV file, and give what writes a trial to it at once: nothing is lost when cut.
+
+    Parameters
+    ----------
+    path
+        Of the file; None = trials are not written.
+    """
+    if path is None:
+        yield lambda trial: None
+        return
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, [field.name for field in fields(Trial)])
         writer.writeheader()
-        writer.writerows(asdict(trial) for trial in trials)
+
+        def write(trial: Trial) -> None:
+            writer.writerow(asdict(trial))
+            file.flush()
+
+        yield write

@@ -6,6 +6,7 @@ import contextlib
 import os
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -42,6 +43,12 @@ __all__ = ["reach"]
     "--ros", type=click.Choice(["1", "2"]), default="2", show_default=True,
     help="ROS behind --rosbridge: its numbers say how a motion ended.",
 )  # fmt: skip
+@click.option(
+    "--limits",
+    "limits_file",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    help="joint_limits.yaml of the robot, as MoveIt has it: velocity, acceleration, jerk.",
+)
 @click.option("--home", "home_first", is_flag=True, help="Bring the arm home first.")
 @click.option("--back", is_flag=True, help="Return home the same way.")
 @click.option(
@@ -60,6 +67,7 @@ def reach(
     action: str | None,
     joints: str,
     ros: str,
+    limits_file: Path | None,
     home_first: bool,
     back: bool,
     grasp: bool,
@@ -69,8 +77,10 @@ def reach(
 
     Plans from the arm's home posture over an empty table. Refuses to move an arm that is not at
     home, unless --home finds a free path there, and an arm that moves, is outside its limits or
-    whose joint states are old or incomplete. The arm is stopped on every error and on Ctrl-C; it is
-    said to be there only if its joints, measured anew, are.
+    whose joint states are old or incomplete. Motions keep the velocity, acceleration and jerk of
+    --limits, or the maker's where they are known, else cautious ones, which is said. The arm is
+    stopped on every error and on Ctrl-C; it is said to be there only if its joints, measured anew,
+    are.
     Give -- before negative numbers. The token for rosbridge is read from RTASK_TOKEN. Tried on
     stand-ins and simulated arms only: on a real one, keep the emergency stop at hand.
 
@@ -84,12 +94,18 @@ def reach(
     from simulate.drivers import motions
     from simulate.drivers.contract import JointLimits
     from simulate.drivers.rosbridge import RosbridgeArm
+    from simulate.drivers.slowed_arm import SlowedArm
     from simulate.grasping.executor import Workcell
+    from simulate.motion.motion_limits import MotionLimits, read_joint_limits
 
     with Workcell(robot, "fast") as cell:
         plan = plan_reach(cell, (x, y, z), theta, seed)
         arm = cell.description.arm(plan.arm)
         limits = JointLimits.of(cell.description, arm.joints)
+        given = read_joint_limits(limits_file) if limits_file is not None else None
+        motion = MotionLimits.of(cell.description, arm.joints, given)
+        if motion.assumed:
+            click.echo(motion.assumed, err=True)
         report: dict[str, Any] = {"arm": plan.arm, "held": None, "evidence": ""}
         with contextlib.ExitStack() as opened:
             if naoqi is not None:
@@ -101,13 +117,14 @@ def reach(
                     limits=limits, ros=1 if ros == "1" else 2, say=partial(click.echo, err=True),
                 )  # fmt: skip
                 driver = opened.enter_context(bridged)
+            slow = SlowedArm(driver, motion)
             if home_first:
-                motions.bring_home(driver, cell, plan.arm, seed)
+                motions.bring_home(slow, cell, plan.arm, seed)
             if grasp:
-                judged = motions.grasp(driver, plan, cell)  # type: ignore[arg-type]
+                judged = motions.grasp(slow, plan, cell)
                 report |= {"held": judged.is_yes, "evidence": judged.evidence}
             else:
-                motions.reach(driver, plan, back)
+                motions.reach(slow, plan, back)
             report["is_home"] = back or grasp
     if as_json:
         print_json(report)
@@ -127,5 +144,9 @@ def _naoqi(address: str, arm: Arm, limits: JointLimits) -> Iterator[NaoqiArm]:
     hands = [alias for alias in arm.aliases if alias in HANDS]
     if not hands:
         raise RobotError(f"{arm.name} is no arm of a NAO; give --robot nao")
-    with naming_extras("--naoqi"), NaoqiArm(address, arm.joints, hands[0], limits) as driver:
+    say = partial(click.echo, err=True)
+    with (
+        naming_extras("--naoqi"),
+        NaoqiArm(address, arm.joints, hands[0], limits, say) as driver,
+    ):
         yield driver

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rtask.errors import RemoteUnavailableError, RobotError
 from simulate.motion.joint_messages import check_start
@@ -21,15 +22,18 @@ from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats, RobotDescription
 
 __all__ = [
+    "REST_S",
     "JointLimits",
     "RosVersion",
     "check_arrival",
     "check_ending",
     "check_motion_start",
     "check_positions",
+    "check_unmoved",
     "goal_id",
     "read_state",
     "settled_joints",
+    "stamp_of",
 ]
 
 RosVersion = Literal[1, 2]
@@ -45,9 +49,13 @@ other."""
 MAX_AGE_S = 1.0
 _REST_RAD_S = 0.05
 _NOISE_RAD = 0.002
+REST_S = 0.1
+"""Between two states by whose difference an arm rests: within a millisecond, noise hides all."""
 _LIMIT_MARGIN_RAD = 0.05
 _ARRIVED_RAD = 0.05
 _SAME_RAD = 0.05
+_MOVED_RAD = 0.02
+"""From here on, an arm that has moved differs from one that has not, in spite of noise."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +139,7 @@ def read_state(
     RobotError
         Says what is wrong with which joint, and what to do about it.
     """
-    names, positions = list(message.get("name") or ()), list(message.get("position") or ())
+    names, positions = _names_of(message), _listed(message, "position")
     if len(names) != len(positions) or len(set(names)) != len(names):
         raise RobotError(
             f"a joint state names {len(set(names))} joints and has {len(positions)} positions; "
@@ -145,13 +153,13 @@ def read_state(
         )
     _check_time(message, now_s)
     rows = [names.index(name) for name in joints]
-    values = np.array([float("nan" if positions[k] is None else positions[k]) for k in rows])
+    values = np.array([_number(positions[k]) for k in rows])
     check_positions(values, joints, limits)
-    rates = list(message.get("velocity") or ())
+    rates = _listed(message, "velocity")
     velocities = None
     if len(rates) == len(names):
-        velocities = np.array([float("nan" if rates[k] is None else rates[k]) for k in rows])
-    return _State(values, velocities, _stamp(message))
+        velocities = np.array([_number(rates[k]) for k in rows])
+    return _State(values, velocities, stamp_of(message))
 
 
 def check_positions(values: Floats, joints: Sequence[str], limits: JointLimits | None) -> None:
@@ -196,7 +204,7 @@ def settled_joints(
     wait_s: float,
     now: Callable[[], float] = time.time,
 ) -> Floats:
-    """Return the joints (dof,), rad, of an arm at rest, from two consecutive fresh states.
+    """Return the joints (dof,), rad, of an arm at rest, from fresh states of .1 s or more.
 
     Parameters
     ----------
@@ -214,23 +222,26 @@ def settled_joints(
     """
     until, complaint = time.monotonic() + wait_s, None
     before: _State | None = None
-    while (message := next_message(until)) is not None:
+    # States that keep coming must not keep one here for good.
+    while time.monotonic() < until and (message := next_message(until)) is not None:
         try:
             state = read_state(message, joints, limits, now())
             if before is not None and state.stamp_s > before.stamp_s:
                 _check_rest(before, state, joints)
-                return state.positions
+                if state.stamp_s - before.stamp_s >= REST_S:
+                    return state.positions
         except RobotError as error:
             complaint = error
             before = None
             continue
-        before = state
+        if before is None:
+            before = state
     if complaint is not None:
         raise complaint
     if before is not None:
         raise RobotError(
-            f"only one joint state came within {wait_s:g} s, or its time stands still; "
-            "check that the driver publishes"
+            f"the joint states of {wait_s:g} s are fewer than two {REST_S:g} s apart, or their "
+            "time stands still; check that the driver publishes"
         )
     raise RemoteUnavailableError(f"no state of {', '.join(joints)} came within {wait_s:g} s")
 
@@ -255,35 +266,83 @@ def check_motion_start(way: Trajectory, joints: Sequence[str], measured: Floats)
         raise
 
 
-def check_arrival(goal: Floats, joints: Sequence[str], measured: Floats) -> None:
-    """Check that an arm, as measured after a motion, is at the goal (dof,), rad.
+def check_arrival(
+    way: Trajectory,
+    joints: Sequence[str],
+    measured: Floats,
+    start: Floats,
+    tolerance_rad: float = _ARRIVED_RAD,
+) -> None:
+    """Check that an arm, as measured after a motion, is at the end of a trajectory.
+
+    Parameters
+    ----------
+    measured, start : (dof,) float, rad
+        Measured after the motion, and before it.
+    tolerance_rad
+        How far a joint may be off. Where that is more than the way itself, the arm has to have gone
+        half of it: one that stayed is not there.
 
     Raises
     ------
     RobotError
         A joint is elsewhere, whatever the controller said.
     """
+    goal = way.positions[-1]
     off = np.abs(measured - goal)
     worst = int(off.argmax())
-    if not off[worst] <= _ARRIVED_RAD:
+    if not off[worst] <= tolerance_rad:
         raise RobotError(
             f"{joints[worst]} ended {off[worst]:.2f} rad from its goal, although the controller "
             "reported success; something is in the way, or it did not move"
         )
+    asked = goal - start
+    most = int(np.abs(asked).argmax())
+    if abs(asked[most]) > _MOVED_RAD and (measured - start)[most] / asked[most] < 0.5:
+        raise RobotError(
+            f"{joints[most]} stayed where it was, {off[most]:.3f} rad from its goal, although the "
+            "controller reported success"
+        )
 
 
-def _stamp(message: Mapping[str, Any]) -> float:
-    """Return the time of a message, s since 1970, of ROS 1 or 2; 0 where it has none."""
+def stamp_of(message: Mapping[str, Any]) -> float:
+    """Return the time of a message, s since 1970, of ROS 1 or 2; 0 or NaN where it has none."""
     header = message.get("header")
     stamp = header.get("stamp") if isinstance(header, Mapping) else None
     if not isinstance(stamp, Mapping):
         return 0.0
-    seconds = stamp.get("sec", stamp.get("secs", 0))
-    return float(seconds) + float(stamp.get("nanosec", stamp.get("nsecs", 0))) / 1e9
+    seconds = _number(stamp.get("sec", stamp.get("secs", 0)))
+    return seconds + _number(stamp.get("nanosec", stamp.get("nsecs", 0))) / 1e9
+
+
+def _number(value: object) -> float:
+    """Return a number of a message; NaN where there is none, as JSON has no NaN."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return float("nan")
+    try:
+        return float(value)
+    except OverflowError:
+        return float("nan")
+
+
+def _listed(message: Mapping[str, Any], key: str) -> list[Any]:
+    values = message.get(key)
+    if values is None:
+        return []
+    if isinstance(values, str | bytes | Mapping) or not isinstance(values, Sequence):
+        raise RobotError(f"{key} of a joint state is no list; check its publisher")
+    return list(values)
+
+
+def _names_of(message: Mapping[str, Any]) -> list[str]:
+    names = _listed(message, "name")
+    if not all(isinstance(name, str) for name in names):
+        raise RobotError("a joint state has names that are no texts; check its publisher")
+    return names
 
 
 def _check_time(message: Mapping[str, Any], now_s: float) -> None:
-    stamp = _stamp(message)
+    stamp = stamp_of(message)
     if not stamp > 0:
         raise RobotError(
             "the joint states carry no time, so that nobody knows how old they are; "
@@ -300,11 +359,25 @@ def _check_time(message: Mapping[str, Any], now_s: float) -> None:
 
 def _check_rest(before: _State, state: _State, joints: Sequence[str]) -> None:
     """Refuse an arm that moves, by its velocities and by the difference of two states."""
-    seconds = state.stamp_s - before.stamp_s
-    moved = np.abs(state.positions - before.positions)
-    is_moving = moved > _REST_RAD_S * seconds + _NOISE_RAD
     if state.velocities is not None:
-        is_moving |= ~(np.abs(state.velocities) <= _REST_RAD_S)
+        # Broadcasters fill in NaN where a joint has no sensor of velocity: the difference decides.
+        _refuse_moving(np.abs(state.velocities) > _REST_RAD_S, joints)
+    seconds = state.stamp_s - before.stamp_s
+    check_unmoved(before.positions, state.positions, seconds, joints)
+
+
+def check_unmoved(before: Floats, after: Floats, seconds: float, joints: Sequence[str]) -> None:
+    """Check that joints (dof,), rad, are at rest, by two measurements some seconds apart.
+
+    Raises
+    ------
+    RobotError
+        One moves.
+    """
+    _refuse_moving(np.abs(after - before) > _REST_RAD_S * seconds + _NOISE_RAD, joints)
+
+
+def _refuse_moving(is_moving: NDArray[np.bool_], joints: Sequence[str]) -> None:
     if is_moving.any():
         k = int(np.flatnonzero(is_moving)[0])
         raise RobotError(f"{joints[k]} is moving; stop what moves the arm, and try again")

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, NoReturn
 
@@ -16,7 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.drivers.contract import JointLimits, check_motion_start, check_positions
+from simulate.drivers.contract import (
+    REST_S,
+    JointLimits,
+    check_arrival,
+    check_motion_start,
+    check_positions,
+    check_unmoved,
+)
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 
@@ -27,7 +35,7 @@ HANDS = ("LHand", "RHand")
 
 log = logging.getLogger(__name__)
 
-_CALL_S, _SPARE_S = 10.0, 5.0
+_CALL_S, _SPARE_S, _TASK_S = 10.0, 5.0, 0.5
 _KNOT_S = 0.08
 """ALMotion computes its own commands every 20 ms, and takes longer the more points it is given."""
 _ARRIVED_RAD = 0.1
@@ -53,6 +61,8 @@ class NaoqiArm:
         One of :data:`HANDS`.
     limits
         Of the joints; an arm outside them is not moved.
+    say
+        Receives what people have to know about a motion; logged by default.
 
     Raises
     ------
@@ -61,12 +71,17 @@ class NaoqiArm:
     """
 
     def __init__(
-        self, address: str, joints: tuple[str, ...], hand: str, limits: JointLimits | None = None
+        self,
+        address: str,
+        joints: tuple[str, ...],
+        hand: str,
+        limits: JointLimits | None = None,
+        say: Callable[[str], object] = log.warning,
     ) -> None:
         import qi
 
         self._joints, self._hand, self._address = joints, hand, address
-        self._limits = limits
+        self._limits, self._say = limits, say
         self._session = qi.Session()
         self._wait(self._session.connect(address, _async=True), "connecting", _CALL_S)
         self._motion = self._service("ALMotion")
@@ -119,19 +134,40 @@ class NaoqiArm:
         self._call(self._motion, "setStiffnesses", [*self._joints, self._hand], 1.0)
 
     def measured(self) -> Floats:
-        """Return the measured joints (dof,), rad.
+        """Return the joints (dof,), rad, of the arm at rest, from two readings .1 s apart.
 
         Raises
         ------
         RobotError
-            One is not finite, or outside its limits.
+            One is not finite, outside its limits, or moves; or the robot's own clock stands still,
+            so that the values are old.
         """
+        ticks = self._ticks()
+        before = np.array(self._angles(self._joints))
+        check_positions(before, self._joints, self._limits)
+        time.sleep(REST_S)
         angles = np.array(self._angles(self._joints))
         check_positions(angles, self._joints, self._limits)
+        if ticks is not None and ticks == self._ticks():
+            raise RobotError(
+                f"the sensors of {self._address} stand still, so that nobody knows how old its "
+                "joints are; restart NAOqi"
+            )
+        check_unmoved(before, angles, REST_S, self._joints)
         return angles
+
+    def _ticks(self) -> object:
+        """Return the time of the robot's device manager, ms; None where there is none."""
+        try:
+            return self._call(self._service("ALMemory"), "getData", "DCM/Time")
+        except RemoteUnavailableError:
+            return None  # a simulated robot has none
 
     def follow(self, way: Trajectory) -> None:
         """Have the arm follow a trajectory, and wait for its end; stopped on every other exit.
+
+        The robot has the whole motion: if the link is lost, it goes on to the end, unless a second
+        connection can stop it. That is said before the motion.
 
         Raises
         ------
@@ -140,20 +176,19 @@ class NaoqiArm:
         RemoteUnavailableError
             It did not end in its time and 5 s, or the robot does not answer.
         """
-        check_motion_start(way, self._joints, self.measured())
+        start = self.measured()
+        check_motion_start(way, self._joints, start)
         knots = _knots(way)
         if not len(knots):
             return
+        self._say(
+            f"if the link to {self._address} is lost, the arm may go on for up to "
+            f"{way.duration:.1f} s: keep a hand at the chest button"
+        )
         rows, times = way.positions[knots], way.times[knots].tolist()
         angles = [column.tolist() for column in rows.T]
         self._move(list(self._joints), angles, [times] * len(self._joints), way.duration)
-        off = np.abs(self.measured() - way.positions[-1])
-        worst = int(off.argmax())
-        if not off[worst] <= _ARRIVED_RAD:
-            raise RobotError(
-                f"{self._joints[worst]} ended {off[worst]:.2f} rad from its goal; something is in "
-                "the way, or the motor is hot"
-            )
+        check_arrival(way, self._joints, self.measured(), start, _ARRIVED_RAD)
 
     def _move(
         self,
@@ -163,17 +198,62 @@ class NaoqiArm:
         duration: float,
     ) -> None:
         """Interpolate joints along angles (rad, or 0 to 1 for hands) at times (s), and wait."""
-        is_absolute = True
+        is_absolute, others = True, self._tasks(self._motion)
         moving = self._begin(self._motion, "angleInterpolation", names, angles, times, is_absolute)
+        own: set[int] = set()
         ended = False
         try:
+            own = self._own_tasks(moving, others)
             self._wait(moving, "angleInterpolation", duration + _SPARE_S)
             ended = True
         finally:
             if not ended:
-                moving.cancel()
-                with contextlib.suppress(RemoteUnavailableError):
-                    self._call(self._motion, "killTasksUsingResources", names)
+                self._stop(moving, own, names)
+
+    def _tasks(self, motion: Any) -> set[int]:
+        """Return the numbers of all tasks that move the robot, whoever began them."""
+        try:
+            return {int(task[1]) for task in self._call(motion, "getTaskList")}
+        except RemoteUnavailableError:
+            return set()
+
+    def _own_tasks(self, moving: Any, others: set[int]) -> set[int]:
+        """Return the task that a motion just became; none if it ended before."""
+        until = time.monotonic() + _TASK_S
+        while moving.isRunning() and time.monotonic() < until:
+            own = self._tasks(self._motion) - others
+            if own:
+                return own
+        return set()
+
+    def _stop(self, moving: Any, own: set[int], names: list[str]) -> None:
+        """End the motion of this program, by a second connection if the first one is lost."""
+        with contextlib.suppress(RuntimeError):
+            moving.cancel()
+        try:
+            self._kill(self._motion, own, names)
+        except RemoteUnavailableError:
+            import qi
+
+            other = qi.Session()
+            try:
+                self._wait(other.connect(self._address, _async=True), "connecting", _CALL_S)
+                found = self._wait(other.service("ALMotion", _async=True), "ALMotion", _CALL_S)
+                self._kill(found, own, names)
+            except RemoteUnavailableError:
+                self._say(
+                    f"nobody can tell whether the arm of {self._address} has stopped: "
+                    "press the chest button"
+                )
+            finally:
+                other.close()
+
+    def _kill(self, motion: Any, own: set[int], names: list[str]) -> None:
+        """End tasks; without knowing which, all that use these joints: stopping comes first."""
+        for task in own:
+            self._call(motion, "killTask", task)
+        if not own:
+            self._call(motion, "killTasksUsingResources", names)
 
     def move_hand(self, opening: float) -> None:
         """Drive the hand towards an opening, 0 (closed) to 1; what it holds stops it."""

@@ -1,7 +1,7 @@
 """An arm behind a rosbridge server: its joints from a topic, its trajectories as an action.
 
 Works with any server that speaks rosbridge: `rosbridge_suite` before the driver of a real arm, in
-ROS 2 with ros2_control, or `rtask serve` before a simulated one.
+ROS 1 or 2, or `rtask serve` before a simulated one.
 """
 
 from __future__ import annotations
@@ -10,9 +10,11 @@ import contextlib
 import json
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
 from typing import Any
+
+import numpy as np
 
 from rtask.errors import RemoteUnavailableError, RobotError
 from simulate.drivers.contract import (
@@ -24,18 +26,55 @@ from simulate.drivers.contract import (
     goal_id,
     settled_joints,
 )
+from simulate.drivers.rosbridge_goals import GoalEnd, goals_of
+from simulate.drivers.watch import MotionWatch
 from simulate.motion.joint_messages import goal_message
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 
 __all__ = ["RosbridgeArm"]
 
-_ACTION_TYPE = "control_msgs/action/FollowJointTrajectory"
 _STATE_S = 5.0
 _SPARE_S = 5.0
-_OPEN_S = 10.0
+_STOPPED_S = 2.0
+_OPEN_S, _CLOSE_S = 10.0, 1.0
+_NO_WAY_RAD = 1e-6
 
 log = logging.getLogger(__name__)
+
+
+class _Link:
+    """One connection to the bridge."""
+
+    def __init__(self, socket: Any) -> None:
+        self._socket = socket
+
+    def send(self, **message: Any) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        try:
+            self._socket.send(json.dumps(message))
+        except ConnectionClosed as error:
+            raise RemoteUnavailableError(f"the connection was lost: {error}") from error
+
+    def next(self, until: float) -> dict[str, Any] | None:
+        """Return the next message, or None after a time of the monotonic clock."""
+        from websockets.exceptions import ConnectionClosed
+
+        try:
+            text = self._socket.recv(timeout=max(until - time.monotonic(), 0.0))
+            message = json.loads(text)
+        except TimeoutError:
+            return None
+        except ConnectionClosed as error:
+            raise RemoteUnavailableError(f"the connection was lost: {error}") from error
+        except ValueError as error:
+            raise RemoteUnavailableError(f"the server sent what is no JSON: {error}") from error
+        if not isinstance(message, dict):
+            return {}
+        if message.get("op") == "status" and message.get("level") == "error":
+            raise RemoteUnavailableError(f"the server refused: {message.get('msg')}")
+        return message
 
 
 class RosbridgeArm:
@@ -56,8 +95,8 @@ class RosbridgeArm:
     limits
         Of the joints; states outside them start no motion.
     ros
-        Version of ROS behind the server, whose numbers the status of a goal has. Servers that take
-        ``send_action_goal`` are of ROS 2, unless told otherwise.
+        Version of ROS behind the server: goals are sent as its bridge takes them, and their status
+        has its numbers.
     say
         Receives what people have to know before a motion; logged by default.
 
@@ -82,24 +121,32 @@ class RosbridgeArm:
         self._joints, self._action, self._topic = joints, action, topic
         self._url, self._token = url, token
         self._limits, self._ros, self._say = limits, ros, say
+        self._goals = goals_of(ros, action)
         self._opened = contextlib.ExitStack()
-        self._socket = self._opened.enter_context(self._connected())
+        self._link = self._opened.enter_context(self._connected())
 
-    def _connected(self) -> Any:
+    @contextlib.contextmanager
+    def _connected(self) -> Iterator[_Link]:
         from websockets.exceptions import InvalidHandshake, InvalidURI
         from websockets.sync.client import connect
 
         headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
         try:
-            return connect(
+            socket = connect(
                 self._url,
                 additional_headers=headers,
                 compression=None,
                 open_timeout=_OPEN_S,
+                close_timeout=_CLOSE_S,
                 proxy=None,
             )
         except (OSError, InvalidHandshake, InvalidURI) as error:
             raise RemoteUnavailableError(f"{self._url} cannot be reached: {error}") from error
+        with socket:
+            link = _Link(socket)
+            for message in self._goals.opening():
+                link.send(**message)
+            yield link
 
     def __enter__(self) -> RosbridgeArm:
         return self
@@ -123,99 +170,117 @@ class RosbridgeArm:
         RemoteUnavailableError
             No joint state comes.
         """
-        self._send(op="subscribe", topic=self._topic, type="sensor_msgs/JointState")
-        try:
-            return settled_joints(self._next_state, self._joints, self._limits, _STATE_S)
-        finally:
-            with contextlib.suppress(RemoteUnavailableError):
-                self._send(op="unsubscribe", topic=self._topic)
+        return self._settled(self._link, self._limits, _STATE_S)
 
     def follow(self, way: Trajectory) -> None:
         """Have the arm follow a trajectory, and wait until it is there; stopped on every error.
 
         The bridge has no watchdog: an arm whose link is lost goes on to the end of the motion,
-        unless a second connection can cancel it. That is said before the motion.
+        unless a second connection can cancel it. That is said before the motion. A trajectory that
+        leads nowhere is not sent.
 
         Raises
         ------
         RobotError
             It starts away from the measured pose, the driver ended it otherwise than by success,
-            or the measured joints are not at the goal.
+            the measured joints are not at the goal, or did not move as planned.
         RemoteUnavailableError
-            It did not end in its time and 5 s, or the link was lost.
+            It did not end in its time and 5 s, the link was lost, or no joint state came for 3 s.
         """
-        check_motion_start(way, self._joints, self.measured())
+        start = self.measured()
+        check_motion_start(way, self._joints, start)
+        if np.abs(way.positions - way.positions[0]).max() <= _NO_WAY_RAD:
+            return
         self._say(
             f"if the link to {self._url} is lost, the arm may go on for up to "
             f"{way.duration:.1f} s: keep the emergency stop at hand"
         )
         goal = goal_id()
         try:
-            result = self._carried_out(goal, way)
+            watch = MotionWatch(way, self._joints)
+            end = self._carried_out(goal, way, watch)
+            if end.code:
+                raise RobotError(f"{self._action} ended with {end.code}: {end.words}")
+            check_ending(self._ros, end.status, self._action, end.words)
+            measured = self.measured()
+            check_arrival(way, self._joints, measured, start)
+            watch.check_followed(measured)
         except BaseException:
             self._stop(goal)
             raise
-        values = result.get("values")
-        about = values if isinstance(values, dict) else {"error_string": str(values or "")}
-        code, words = about.get("error_code", 0), str(about.get("error_string", ""))
-        if code:
-            raise RobotError(f"{self._action} ended with {code}: {words}")
-        check_ending(self._ros, result.get("status"), self._action, words)
-        check_arrival(way.positions[-1], self._joints, self.measured())
 
-    def _carried_out(self, goal: str, way: Trajectory) -> dict[str, Any]:
-        """Return the result of a goal."""
-        about = {"action": self._action, "id": goal, "action_type": _ACTION_TYPE}
-        args = goal_message(way, self._joints)
-        self._send(op="send_action_goal", args=args, feedback=False, **about)
-        until = time.monotonic() + way.duration + _SPARE_S
-        while (message := self._next(until)) is not None:
-            if message.get("op") == "action_result" and message.get("id") == goal:
-                return message
+    def _carried_out(self, goal: str, way: Trajectory, watch: MotionWatch) -> GoalEnd:
+        """Send a goal, and return how it ended."""
+        with self._subscribed(self._link):
+            for message in self._goals.begin(goal, goal_message(way, self._joints)):
+                self._link.send(**message)
+            until = time.monotonic() + way.duration + _SPARE_S
+            while (now := time.monotonic()) < until:
+                watch.check_alive()
+                came = self._link.next(max(min(until, watch.deadline), now))
+                if came is None:
+                    continue
+                if (state := self._state_in(came)) is not None:
+                    watch.take(state)
+                if (end := self._goals.end(goal, came)) is not None:
+                    return end
         raise RemoteUnavailableError(
             f"{self._action} did not end within {way.duration + _SPARE_S:.1f} s; cancelled"
         )
 
     def _stop(self, goal: str) -> None:
-        """Cancel this program's own goal, by a second connection if the first one is lost."""
-        cancel = {"op": "cancel_action_goal", "action": self._action, "id": goal}
-        try:
-            self._send(**cancel)
-        except RemoteUnavailableError:
-            with contextlib.suppress(RemoteUnavailableError), self._connected() as other:
-                other.send(json.dumps(cancel))
+        """Cancel this program's own goal, by a second connection if the first one does not serve.
 
-    def _next_state(self, until: float) -> dict[str, Any] | None:
+        Where the arm is not seen to rest afterwards, that is said.
+        """
+        if self._is_stopped(self._link, goal):
+            return
+        with contextlib.suppress(RemoteUnavailableError), self._connected() as other:
+            if self._is_stopped(other, goal):
+                return
+        self._say(
+            f"nobody can tell whether the arm of {self._action} has stopped: use the emergency stop"
+        )
+
+    def _is_stopped(self, link: _Link, goal: str) -> bool:
+        """Cancel a goal, and return whether the arm is seen to rest."""
+        try:
+            for message in self._goals.cancel(goal):
+                link.send(**message)
+            self._settled(link, None, _STOPPED_S)
+        except (RemoteUnavailableError, RobotError):
+            return False
+        return True
+
+    def _settled(self, link: _Link, limits: JointLimits | None, wait_s: float) -> Floats:
+        with self._subscribed(link):
+            return settled_joints(
+                lambda until: self._next_state(link, until), self._joints, limits, wait_s
+            )
+
+    @contextlib.contextmanager
+    def _subscribed(self, link: _Link) -> Iterator[None]:
+        """Have the joint states sent."""
+        link.send(op="subscribe", topic=self._topic, type="sensor_msgs/JointState")
+        try:
+            yield
+        finally:
+            with contextlib.suppress(RemoteUnavailableError):
+                link.send(op="unsubscribe", topic=self._topic)
+
+    def _next_state(self, link: _Link, until: float) -> dict[str, Any] | None:
         """Return the next joint state that names a joint of the arm, or None after a time."""
-        while (message := self._next(until)) is not None:
-            state = message.get("msg") if message.get("op") == "publish" else None
-            if message.get("topic") != self._topic or not isinstance(state, dict):
-                continue
-            # Other publishers of the topic may tell of other joints.
-            if set(self._joints) & set(state.get("name") or ()):
+        while time.monotonic() < until and (message := link.next(until)) is not None:
+            if (state := self._state_in(message)) is not None:
                 return state
         return None
 
-    def _send(self, **message: Any) -> None:
-        from websockets.exceptions import ConnectionClosed
-
-        try:
-            self._socket.send(json.dumps(message))
-        except ConnectionClosed as error:
-            raise RemoteUnavailableError(f"the connection was lost: {error}") from error
-
-    def _next(self, until: float) -> dict[str, Any] | None:
-        """Return the next message, or None after a time of the monotonic clock."""
-        from websockets.exceptions import ConnectionClosed
-
-        try:
-            message = json.loads(self._socket.recv(timeout=max(until - time.monotonic(), 0.0)))
-        except TimeoutError:
+    def _state_in(self, message: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Return the joint state in a message, unless it tells of other joints than the arm's."""
+        state = message.get("msg") if message.get("op") == "publish" else None
+        if message.get("topic") != self._topic or not isinstance(state, dict):
             return None
-        except ConnectionClosed as error:
-            raise RemoteUnavailableError(f"the connection was lost: {error}") from error
-        if not isinstance(message, dict):
-            return {}
-        if message.get("op") == "status" and message.get("level") == "error":
-            raise RemoteUnavailableError(f"the server refused: {message.get('msg')}")
-        return message
+        names = state.get("name")
+        if isinstance(names, list) and not any(name in self._joints for name in names):
+            return None
+        return state

@@ -24,11 +24,13 @@ from simulate.robots.description import (
     rotation_from_rpy,
     transform_from,
 )
-from simulate.robots.mesh_cover import cover_mesh, cover_surface
+from simulate.robots.mesh_cover import cover_mesh, cover_surface, hull_boxes
 
 __all__ = ["ArmSpheres", "Obstacle", "PointField", "Surroundings", "body_obstacles", "link_poses"]
 
 _BALL = 0.2
+_COARSE_M = 0.12
+"""Radius of a sphere from which on a body is covered by boxes instead."""
 _BOX_SPHERE = 0.0125
 _CELL_M, _FIELD_PAD_M, _MAX_CELLS = 0.006, 0.10, 8e6
 _PRISM_ANGLES = np.deg2rad(np.arange(0, 90, 5))
@@ -417,11 +419,17 @@ def _rounded(name: str, shape: Shape, base_from_link: Floats) -> list[Obstacle]:
     """Return a shape as rounded boxes; the end spheres of a capsule are in its cylinder already."""
     pose = base_from_link @ transform_from(shape.pose.xyz, shape.pose.rpy)
     if shape.kind == "mesh":
+        spheres = _spheres(shape)
+        if max(radius for _, radius in spheres) > _COARSE_M:
+            return [
+                Obstacle(name, pose[:3, :3] @ c + pose[:3, 3], half, pose[:3, :3])
+                for c, half in zip(*hull_boxes(shape.path, shape.size), strict=True)
+            ]
         return [
             Obstacle(
                 name, base_from_link[:3, :3] @ c + base_from_link[:3, 3], np.zeros(3), np.eye(3), r
             )
-            for c, r in _spheres(shape)
+            for c, r in spheres
         ]
     if shape.kind == "box":
         return [Obstacle(name, pose[:3, 3], np.array(shape.size) / 2, pose[:3, :3])]

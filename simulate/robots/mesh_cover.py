@@ -17,6 +17,7 @@ from simulate.robots.mesh_files import load_mesh
 __all__ = [
     "cover_mesh",
     "cover_surface",
+    "hull_boxes",
     "mesh_box",
     "read_vertices",
     "shape_corners",
@@ -26,6 +27,7 @@ __all__ = [
 _FINEST_M = 0.012
 _ALONG, _ACROSS = 0.8, 1.3
 _PATCH_M = 0.02
+_SLICE_M = 0.04
 _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 _STEPS = 4
 """Points along the edge of a patch, at least."""
@@ -111,6 +113,43 @@ def cover_surface(path: str, scale: tuple[float, ...]) -> tuple[Floats, Floats]:
         centres.append(centre)
         radii.append(float(np.linalg.norm(part - centre, axis=1).max()))
     return np.array(centres), np.array(radii)
+
+
+@functools.cache
+def hull_boxes(path: str, scale: tuple[float, ...]) -> tuple[Floats, Floats]:
+    """Return boxes around slices of a mesh's convex hull: centres and halves (k, 3) m, mesh frame.
+
+    The hull is what the physics engine collides with. Slices are 4 cm thick at most, across the
+    longest side; a few spheres around a body of little detail would reach far beyond it.
+
+    Parameters
+    ----------
+    path, scale
+        As of :func:`cover_mesh`.
+    """
+    hull = load_mesh(Path(path)).convex_hull
+    points = np.asarray(hull.vertices) * np.array(scale)
+    low, high = points.min(axis=0), points.max(axis=0)
+    axis = int(np.argmax(high - low))
+    count = max(int(np.ceil((high - low)[axis] / _SLICE_M)), 1)
+    edges = np.linspace(low[axis], high[axis], count + 1)
+    first, last = points[hull.edges_unique].transpose(1, 0, 2)
+    span = last[:, axis] - first[:, axis]
+    centres, halves = [], []
+    for bottom, top in itertools.pairwise(edges):
+        inside = points[(points[:, axis] >= bottom) & (points[:, axis] <= top)]
+        cuts = [inside]
+        for level in (bottom, top):
+            share = np.divide(
+                level - first[:, axis], span, out=np.full(len(span), -1.0), where=np.abs(span) > 0
+            )
+            crossed = (share >= 0) & (share <= 1)
+            cuts.append((first + share[:, None] * (last - first))[crossed])
+        part = np.vstack(cuts)
+        if len(part):
+            centres.append((part.min(axis=0) + part.max(axis=0)) / 2)
+            halves.append(np.ptp(part, axis=0) / 2)
+    return np.array(centres), np.array(halves)
 
 
 def shape_corners(shape: Shape) -> Floats:

@@ -98,6 +98,12 @@ def ros(
 @click.option(
     "--wait", "wait_s", default=10.0, show_default=True, help="Longest wait for master and driver."
 )
+@click.option(
+    "--limits",
+    "limits_file",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    help="joint_limits.yaml of the robot, as MoveIt has it: velocity, acceleration, jerk.",
+)
 @options.json_flag("result")
 def ros_reach(
     x: float,
@@ -110,14 +116,16 @@ def ros_reach(
     back: bool,
     name: str,
     wait_s: float,
+    limits_file: Path | None,
     as_json: bool,
 ) -> None:
     """Plan to reach X Y Z (m, base frame) and move a robot's own driver in ROS 1 there.
 
     Plans from the arm's home posture over an empty table, and sends the trajectory to the action
     <arm>_controller/follow_joint_trajectory. Refuses to move an arm that is not at home; cancels on
-    every error and on Ctrl-C. Give -- before negative numbers. Tried on simulated arms only: on a
-    real one, keep the emergency stop at hand.
+    every error and on Ctrl-C. Motions keep --limits, or the maker's where they are known, else
+    cautious ones, which is said. Give -- before negative numbers. Tried on simulated arms only: on
+    a real one, keep the emergency stop at hand.
     """
     from rtask.interop.ros.find import use_ros
     from rtask.interop.ros.package import load_messages
@@ -127,6 +135,7 @@ def ros_reach(
     from simulate.act.reach import plan_reach
     from simulate.drivers.contract import JointLimits
     from simulate.grasping.executor import Workcell
+    from simulate.motion.motion_limits import MotionLimits, read_joint_limits, slowed
     from simulate.motion.trajectory import join, reverse
     from simulate.ros.driver import ArmDriver
     from simulate.world.quiet import banner_on_stderr
@@ -135,7 +144,11 @@ def ros_reach(
         plan = plan_reach(cell, (x, y, z), theta, seed)
         joints = cell.description.arm(plan.arm).joints
         limits = JointLimits.of(cell.description, joints)
-    way = join([plan.free, plan.approach])
+        given = read_joint_limits(limits_file) if limits_file is not None else None
+        motion = MotionLimits.of(cell.description, joints, given)
+    if motion.assumed:
+        click.echo(motion.assumed, err=True)
+    way = slowed(join([plan.free, plan.approach]), motion)
     node = RosNode(NodeOptions(name, remaps, wait_s))
     try:
         driver = ArmDriver(f"{plan.arm}_controller/follow_joint_trajectory", joints, wait_s, limits)

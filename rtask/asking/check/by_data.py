@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 from rtask.asking.check.findings import Finding
 from rtask.asking.check.fitting import Fitting, is_same_variable, reversed_edge
+from rtask.asking.check.naming.usual import kinds_by_name
 from rtask.asking.check.repairs import Repairs
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context
-from rtask.asking.check.usual import kinds_by_name
 from rtask.asking.check.vocabulary import local
 
-__all__ = ["ByData"]
+__all__ = ["ByData", "is_chained"]
 
 
 class ByData:
@@ -58,7 +58,7 @@ class ByData:
         """Return whether a pattern matches with those beside it only the other way round."""
         return (
             not self._is_named_so(edge, context)
-            and not _is_chained(edge, context)
+            and not is_chained(edge, context)
             and self._evidence.ends_differ(edge.steps[0].node.value, self._vocabulary)
             and self._fitting.is_contradicted(edge, context)
             and self._fitting.is_attested(reversed_edge(edge), context)
@@ -78,11 +78,8 @@ class ByData:
         """Return the finding of a pattern that the data contradict, though the classes allow it."""
         if not self._evidence.matches(edge):
             return None
-        names = {end.value for end in edge.ends if end.kind == "variable"}
-        for other in context.edges:
+        for other in context.touching(edge):
             if other is edge or len(other.steps) != 1:
-                continue
-            if not any(end.kind == "variable" and end.value in names for end in other.ends):
                 continue
             if not self._evidence.matches(other):
                 continue
@@ -139,7 +136,7 @@ class ByData:
         return Finding("never-together", "likely", node.start, node.end, words, tuple(repairs))
 
 
-def _is_chained(edge: Edge, context: Context) -> bool:
+def is_chained(edge: Edge, context: Context) -> bool:
     """Return whether the same property leads to a pattern's subject, or away from its value.
 
     Turned, the pattern would only repeat the one beside it, so that it always matches.
@@ -152,6 +149,6 @@ def _is_chained(edge: Edge, context: Context) -> bool:
             is_same_variable(other.object, edge.subject)
             or is_same_variable(other.subject, edge.object)
         )
-        for other in context.edges
+        for other in context.touching(edge)
         if other is not edge
     )

@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.faults import Faults
 from rtask.asking.check.findings import Finding, in_order
+from rtask.asking.check.fitting import Fitting
 from rtask.asking.check.literals import check_literals
 from rtask.asking.check.syntax.outline import Outline
 from rtask.asking.check.syntax.reading import read_outline
@@ -71,9 +72,9 @@ class Checker:
     def _findings(self, outline: Outline) -> Iterator[Finding]:
         vocabulary = self.vocabulary
         self._evidence.refresh()
-        unknown = Unknown(self._kb, vocabulary, self._evidence, outline)
-        yield from unknown.findings()
-        faults = Faults(vocabulary, self._evidence, outline)
+        fitting = Fitting(vocabulary, self._evidence, outline)
+        yield from Unknown(self._kb, fitting, outline).findings()
+        faults = Faults(fitting, outline)
         yield from check_literals(outline, vocabulary, faults.replacements)
         yield from faults.findings()
         yield from check_variables(outline)

@@ -11,7 +11,8 @@ from itertools import islice
 
 from pyoxigraph import Literal, NamedNode
 
-from rtask.asking.check.syntax.outline import Edge, Node, Step
+import ontology
+from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.vocabulary import TOP, Vocabulary
 from rtask.kb.core import GraphCore
 from rtask.rdf.terms import RDF_TYPE, Term, stored
@@ -20,24 +21,32 @@ __all__ = ["Evidence"]
 
 MAX_ROWS, MIN_ROWS = 24, 12
 MIN_KINDS = 2
-MAX_ENDS, MAX_KINDS = 30, 1
+MAX_ENDS = 30
 _KNOWN = 20_000
 
 
 class Evidence:
-    """Looks patterns up in one state of a graph; answers are remembered until the next commit."""
+    """Looks patterns up in one state of a graph; answers are remembered until the next commit.
+
+    Attributes
+    ----------
+    sound
+        Hashes of the keys of groups of patterns in which no fault was found in this state.
+    """
 
     def __init__(self, kb: GraphCore) -> None:
         self._quads = kb.store.quads_for_pattern
         self._seq = -1
         self._kb = kb
         self._answers: dict[object, int | None] = {}
+        self.sound: set[int] = set()
 
     def refresh(self) -> None:
         """Forget what an earlier state answered."""
-        if self._seq != self._kb.seq or len(self._answers) > _KNOWN:
+        if self._seq != self._kb.seq or len(self._answers) + len(self.sound) > _KNOWN:
             self._seq = self._kb.seq
             self._answers = {}
+            self.sound = set()
 
     def is_used(self, iri: str) -> bool:
         """Return whether any statement, or the name of a graph, mentions an IRI."""
@@ -71,8 +80,9 @@ class Evidence:
     def ends_of(self, iri: str, at: int, vocabulary: Vocabulary) -> int | None:
         """Return the bits of the classes of all subjects, or values, of a property.
 
-        None where there are none, too many to look at, some of no known class, or ones of so many
-        classes that the property seems to be for all.
+        None where there are none, too many to look at, some of no known class, or ones of several
+        classes: these count only for our own properties, and with a superclass in common that is
+        not of an upper ontology.
         """
         key = ("ends", iri, at)
         if key not in self._answers:
@@ -94,18 +104,33 @@ class Evidence:
             if not kinds:
                 return None
             specific.update(vocabulary.most_specific(kinds))
-            if len(specific) > MAX_KINDS:
-                return None
             for kind in kinds:
                 bits |= vocabulary.bit[kind]
-        return bits or None
+        if len(specific) < 2:
+            return bits or None
+        return vocabulary.below_all(specific) if iri.startswith(ontology.NS) else None
+
+    def is_of_terms(self, iri: str, vocabulary: Vocabulary) -> bool:
+        """Return whether all that the graph says with a property is about classes or properties."""
+        if not iri.startswith(ontology.NS):
+            return False  # anything may have a label, or a source
+        key = ("terms", iri)
+        if key not in self._answers:
+            rows = islice(self._quads(None, NamedNode(iri), None, None), MAX_ENDS)
+            subjects = {quad.subject for quad in rows}
+            self._answers[key] = bool(subjects) and all(
+                isinstance(term, NamedNode)
+                and (term.value in vocabulary.bit or term.value in vocabulary.properties)
+                for term in subjects
+            )
+        return bool(self._answers[key])
 
     def is_general(self, edge: Edge, at: int, vocabulary: Vocabulary) -> bool:
         """Return whether a pattern has things of many kinds at an end, such as all with a name."""
-        key = ("general", _key(edge, None), at)
+        key = ("general", edge.signature, at)
         if key not in self._answers:
             kinds: set[str] = set()
-            for ends in islice(self._rows(edge, None), MAX_ROWS):
+            for ends in islice(self._rows(edge), MAX_ROWS):
                 kinds.update(vocabulary.most_specific(self._kinds(ends[at], vocabulary)))
             self._answers[key] = len(kinds) > MIN_KINDS
         return bool(self._answers[key])
@@ -122,24 +147,24 @@ class Evidence:
             self._answers[key] = bool(kinds[0] and kinds[1]) and not kinds[0] & kinds[1]
         return bool(self._answers[key])
 
-    def matches(self, edge: Edge, steps: list[Step] | None = None) -> bool:
+    def matches(self, edge: Edge) -> bool:
         """Return whether a pattern matches anything by itself."""
-        key = ("edge", _key(edge, steps))
+        key = ("edge", edge.signature)
         if key not in self._answers:
-            self._answers[key] = next(self._rows(edge, steps), None) is not None
+            self._answers[key] = next(self._rows(edge), None) is not None
         return bool(self._answers[key])
 
     def is_common(self, edge: Edge) -> bool:
         """Return whether a pattern matches more than a few times."""
-        key = ("common", _key(edge, None))
+        key = ("common", edge.signature)
         if key not in self._answers:
-            rows = zip(range(MIN_ROWS), self._rows(edge, None), strict=False)
+            rows = zip(range(MIN_ROWS), self._rows(edge), strict=False)
             self._answers[key] = sum(1 for _ in rows) == MIN_ROWS
         return bool(self._answers[key])
 
     def meet(self, edge: Edge, at: int, other: Edge, other_at: int) -> bool | None:
         """Return whether two patterns match with the same term at an end; None for perhaps."""
-        key = ("meet", _key(edge, None), at, _key(other, None), other_at)
+        key = ("meet", edge.signature, at, other.signature, other_at)
         if key not in self._answers:
             answer: int | None = self._meet(edge, at, other, other_at)
             if answer is None:
@@ -150,19 +175,19 @@ class Evidence:
 
     def _meet(self, edge: Edge, at: int, other: Edge, other_at: int) -> bool | None:
         seen: set[Term] = set()
-        for row, terms in enumerate(self._rows(edge, None)):
+        for row, terms in enumerate(self._rows(edge)):
             if row >= MAX_ROWS:
                 return None
             term = terms[at]
             if term in seen or (isinstance(term, Literal) and other_at == 0):
                 continue
             seen.add(term)
-            if next(self._rows(other, None, other_at, term), None) is not None:
+            if next(self._rows(other, other_at, term), None) is not None:
                 return True
         return False
 
     def _rows(
-        self, edge: Edge, steps: list[Step] | None, at: int | None = None, term: Term | None = None
+        self, edge: Edge, at: int | None = None, term: Term | None = None
     ) -> Iterator[tuple[Term, Term]]:
         """Yield the subjects and objects of a pattern, as its path walks."""
         ends: list[Term | None] = [_term(node) for node in edge.ends]
@@ -170,7 +195,7 @@ class Evidence:
             if ends[at] is not None and ends[at] != term:
                 return
             ends[at] = term
-        for step in edge.steps if steps is None else steps:
+        for step in edge.steps:
             s, o = ends[::-1] if step.is_inverse else ends
             if isinstance(s, Literal):
                 continue
@@ -185,12 +210,3 @@ def _term(node: Node) -> Term | None:
     if node.kind == "literal" and not node.datatype.endswith("langString"):
         return stored(Literal(node.value, datatype=NamedNode(node.datatype)))
     return None
-
-
-def _key(edge: Edge, steps: list[Step] | None) -> tuple[object, ...]:
-    ends = tuple(
-        (node.kind, node.value, node.datatype) if node.kind != "variable" else None
-        for node in edge.ends
-    )
-    walked = edge.steps if steps is None else steps
-    return (*ends, *((step.node.value, step.is_inverse) for step in walked))

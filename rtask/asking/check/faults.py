@@ -7,10 +7,11 @@ from collections.abc import Iterator
 
 from rtask.asking.check.by_constants import ByConstants
 from rtask.asking.check.by_data import ByData
-from rtask.asking.check.by_names import ByNames
-from rtask.asking.check.evidence import Evidence
+from rtask.asking.check.by_terms import ByTerms
 from rtask.asking.check.findings import Finding, Repair, Severity
 from rtask.asking.check.fitting import Fitting, reversed_edge
+from rtask.asking.check.naming.by_names import ByNames
+from rtask.asking.check.naming.by_words import ByWords
 from rtask.asking.check.repairs import Repairs
 from rtask.asking.check.syntax.outline import Edge, Outline
 from rtask.asking.check.types import (
@@ -19,7 +20,6 @@ from rtask.asking.check.types import (
     Context,
     Demand,
 )
-from rtask.asking.check.vocabulary import Vocabulary
 from rtask.asking.check.wording import demanded
 
 __all__ = ["Faults"]
@@ -28,10 +28,10 @@ __all__ = ["Faults"]
 class Faults:
     """Looks for patterns of one query that conflict with others, or that the data contradict."""
 
-    def __init__(self, vocabulary: Vocabulary, evidence: Evidence, outline: Outline) -> None:
-        self._vocabulary = vocabulary
-        self._evidence = evidence
-        self._fitting = Fitting(vocabulary, evidence, outline)
+    def __init__(self, fitting: Fitting, outline: Outline) -> None:
+        self._vocabulary = fitting.vocabulary
+        self._evidence = fitting.evidence
+        self._fitting = fitting
         self._repairs = Repairs(self._fitting, outline)
         self._blamed: set[int] = set()
 
@@ -41,15 +41,28 @@ class Faults:
         return [] if context is None else self._repairs.other_properties(edge, context)
 
     def findings(self) -> Iterator[Finding]:
-        """Yield the faults, one for each pattern."""
+        """Yield the faults, one for each pattern.
+
+        Groups in which an earlier query had no fault are passed over: who edits a query, or asks
+        many alike, changes little of it at a time.
+        """
         parts = (self._fitting, self._repairs, self._blamed)
         constants, data, names = ByConstants(*parts), ByData(*parts), ByNames(*parts)
+        terms, words = ByTerms(*parts), ByWords(*parts)
+        sound = self._evidence.sound
+        keys = [(hash(context.key), context) for context in self._fitting.contexts]
+        left = [(key, context) for key, context in keys if key not in sound]
         for look in (
-            self._conflicts, constants.findings, data.findings, names.turned, names.unusual,
-            names.better,
+            self._conflicts, constants.findings, terms.findings, data.findings, names.turned,
+            names.unusual, names.better, words.findings,
         ):  # fmt: skip
-            for context in self._fitting.contexts:
+            for _, context in left:
                 yield from look(context)
+        sound.update(
+            key
+            for key, context in left
+            if not any(id(edge) in self._blamed for edge in context.edges)
+        )
 
     def _conflicts(self, context: Context) -> Iterator[Finding]:
         left = [

@@ -4,16 +4,60 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from rtask.asking.check.evidence import Evidence
-from rtask.asking.check.names import affinity, likeness
+from rtask.asking.check.naming.names import affinity, likeness
+from rtask.asking.check.naming.usual import usual_properties
 from rtask.asking.check.syntax.outline import Edge, Node, Outline, Step
 from rtask.asking.check.types import TYPE, Conflict, Context, Demand, Demands, contexts, overlap
-from rtask.asking.check.usual import usual_properties
 from rtask.asking.check.vocabulary import Property, Vocabulary, local
 
 __all__ = ["Fitting", "is_same_variable", "replaced", "reversed_edge"]
+
+
+_NONE: frozenset[str] = frozenset()
+
+
+@dataclass(slots=True)
+class _Need:
+    """What the patterns around one demand of an end of it, each demand once.
+
+    Attributes
+    ----------
+    is_thing
+        Whether it is a thing; both values where they contradict each other.
+    literal
+        Datatype of the literal that stands there; empty for any other term.
+    """
+
+    bits: set[int]
+    is_thing: set[bool]
+    datatypes: set[frozenset[str]]
+    literal: str = ""
+
+    @classmethod
+    def of(cls, node: Node, beside: dict[str, list[Demand]]) -> _Need:
+        if node.kind == "literal":
+            return cls(set(), {False}, {frozenset({node.datatype})}, node.datatype)
+        if node.kind != "variable":
+            return cls(set(), {True} if node.kind == "iri" else set(), set())
+        given = beside.get(node.value, ())
+        return cls(
+            {demand.bits for demand in given if demand.bits is not None},
+            {demand.is_thing for demand in given if demand.is_thing is not None},
+            {demand.datatypes for demand in given if demand.datatypes},
+        )
+
+    def meets(self, given: int | None, kind: bool | None, types: frozenset[str]) -> bool:
+        """Return whether an end of a property may be what is demanded."""
+        if self.literal:
+            return kind is False and (not types or self.literal in types)
+        if kind is not None and (not kind) in self.is_thing:
+            return False
+        if given is not None and not all(given & bits for bits in self.bits):
+            return False
+        return not types or all(overlap(types, others) for others in self.datatypes)
 
 
 class Fitting:
@@ -44,7 +88,7 @@ class Fitting:
         conflicts: list[Conflict] = []
         if own is None:
             return conflicts
-        for other in context.edges:
+        for other in context.touching(edge):
             if other.start == edge.start and other.end == edge.end and is_same_pattern(other, edge):
                 continue
             given = self.demands.of(other, context)
@@ -60,7 +104,7 @@ class Fitting:
         """Return what the other patterns demand of the variables of one."""
         names = {end.value for end in edge.ends if end.kind == "variable"}
         demands: dict[str, list[Demand]] = defaultdict(list)
-        for other in context.edges:
+        for other in context.touching(edge):
             if other is not edge:
                 for demand in self.demands.of(other, context) or ():
                     if demand.node.kind == "variable" and demand.node.value in names:
@@ -68,26 +112,24 @@ class Fitting:
         return demands
 
     def fits(
-        self, known: Property, about: Node, value: Node, beside: dict[str, list[Demand]]
+        self, axioms: Property, about: Node, value: Node, beside: dict[str, list[Demand]]
     ) -> bool:
         """Return whether a property goes with what other patterns demand of its ends."""
-        for node, given, kind, types in (
-            (about, known.domain, True, frozenset[str]()),
-            (value, known.range, known.relates_things, frozenset(known.datatypes)),
-        ):
-            if node.kind == "literal":
-                if kind is not False or (types and node.datatype not in types):
-                    return False
-            elif node.kind == "iri" and kind is False:
-                return False
-            for other in beside.get(node.value, ()) if node.kind == "variable" else ():
-                if None not in (kind, other.is_thing) and kind != other.is_thing:
-                    return False
-                if given is not None and other.bits is not None and not given & other.bits:
-                    return False
-                if types and other.datatypes and not overlap(types, other.datatypes):
-                    return False
-        return True
+        needs = _Need.of(about, beside), _Need.of(value, beside)
+        return needs[0].meets(axioms.domain, True, _NONE) and needs[1].meets(
+            axioms.range, axioms.relates_things, axioms.types
+        )
+
+    def fitting_properties(
+        self, about: Node, value: Node, beside: dict[str, list[Demand]]
+    ) -> list[str]:
+        """Return the properties that go with what other patterns demand of their ends."""
+        first, other = _Need.of(about, beside), _Need.of(value, beside)
+        fitting: list[str] = []
+        for (domain, values, kind, types), iris in self.vocabulary.alike.items():
+            if other.meets(values, kind, types) and first.meets(domain, True, _NONE):
+                fitting += iris
+        return fitting
 
     def is_attested(self, edge: Edge, context: Context) -> bool:
         """Return whether the graph has what a pattern says, together with others beside it."""
@@ -102,11 +144,10 @@ class Fitting:
         self, edge: Edge, context: Context, *, only_matching: bool = False
     ) -> list[bool | None]:
         """Return for each pattern beside one whether the graph has both; None for perhaps."""
-        names = {end.value for end in edge.ends if end.kind == "variable"}
         return [
             self.evidence.meet(edge, at, other, other_at)
-            for other in context.edges
-            if other.steps and (other.subject.value in names or other.object.value in names)
+            for other in context.touching(edge)
+            if other.steps
             if not is_same_pattern(other, edge)
             if not only_matching or self.evidence.matches(other)
             for at, mine in enumerate(edge.ends)

@@ -8,7 +8,7 @@ import ontology
 from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.findings import Edit, Repair
 from rtask.asking.check.fitting import Fitting, is_same_variable, replaced, reversed_edge
-from rtask.asking.check.names import affinity, likeness, properties_named
+from rtask.asking.check.naming.names import affinity, likeness, properties_named
 from rtask.asking.check.syntax.outline import Edge, Node, Outline
 from rtask.asking.check.syntax.writing import written
 from rtask.asking.check.types import TYPE, Context, Demand
@@ -63,11 +63,12 @@ class Repairs:
             beside[wish.node.value].append(wish)
         about, value = edge.ends[:: -1 if step.is_inverse else 1]
         fitting: list[tuple[float, str]] = []
-        for iri, known in self._vocabulary.properties.items():
-            if iri == node.value or not self._fitting.fits(known, about, value, beside):
+        usual = self._fitting.usual
+        for iri in self._fitting.fitting_properties(about, value, beside):
+            if iri == node.value:
                 continue
-            rating = 0.3 * likeness(local(iri).lower(), name) + 0.2 * iri.startswith(_NS)
-            rating += 0.9 * self._fitting.usual.get(iri, 0.0)
+            rating = 0.3 * likeness(self._vocabulary.lowered[iri], name) + 0.2 * iri.startswith(_NS)
+            rating += 0.9 * usual.get(iri, 0.0)
             for weight, end in ((0.4, about), (2.0, value)):
                 if end.kind == "variable":
                     rating += weight * affinity(end.value, iri, self._vocabulary)
@@ -78,6 +79,18 @@ class Repairs:
             changed = replaced(edge, node, iri)
             rated.append((names - self._fitting.merit(changed, context), iri))
         return [self.written_as(node, iri) for _, iri in sorted(rated)[:_OFFERED]]
+
+    def has_attested(self, edge: Edge, context: Context, wish: Demand) -> bool:
+        """Return whether the graph has, with another property, what a pattern is wished to be."""
+        (step,) = edge.steps
+        beside = self._fitting.beside(edge, context)
+        beside[wish.node.value].append(wish)
+        about, value = edge.ends[:: -1 if step.is_inverse else 1]
+        return any(
+            iri != step.node.value
+            and self._fitting.is_attested(replaced(edge, step.node, iri), context)
+            for iri in self._fitting.fitting_properties(about, value, beside)
+        )
 
     def _other_classes(self, edge: Edge, context: Context) -> list[Repair]:
         bits: int | None = None

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+import ontology
 from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.syntax.outline import Edge, Group, Node, Step
 from rtask.asking.check.vocabulary import Property, Vocabulary
@@ -33,6 +33,8 @@ class Demand:
         That a literal may have.
     is_observed
         Whether the classes are those that the graph shows, not those that axioms allow.
+    node
+        The term or variable.
     """
 
     edge: Edge
@@ -41,11 +43,10 @@ class Demand:
     is_thing: bool | None
     datatypes: frozenset[str] = frozenset()
     is_observed: bool = False
+    node: Node = field(init=False)
 
-    @property
-    def node(self) -> Node:
-        """The term or variable."""
-        return self.edge.ends[self.at]
+    def __post_init__(self) -> None:
+        self.node = self.edge.object if self.at else self.edge.subject
 
 
 @dataclass(slots=True)
@@ -77,11 +78,53 @@ class Context:
     around: list[Edge]
     columns: dict[str, list[Node]] = field(default_factory=dict)
     compared: list[tuple[Node, str]] = field(default_factory=list)
+    _edges: list[Edge] = field(default_factory=list, init=False, repr=False)
+    _at: dict[str, list[Edge]] = field(default_factory=dict, init=False, repr=False)
+    _touching: dict[tuple[str, str], list[Edge]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     @property
     def edges(self) -> list[Edge]:
         """All of them."""
-        return [*self.around, *self.own]
+        if not self._edges:
+            self._edges = [*self.around, *self.own]
+        return self._edges
+
+    @property
+    def key(self) -> str:
+        """What its faults depend on beside the graph, wherever in a text it stands."""
+        columns = (
+            f"{name} {[term.value for term in terms]}" for name, terms in self.columns.items()
+        )
+        compared = (f"{node.value} {kind}" for node, kind in self.compared)
+        edges = (edge.pattern for edge in self.edges)
+        return "\f".join((str(len(self.around)), *edges, *columns, *compared))
+
+    def having(self, variable: str) -> list[Edge]:
+        """Return the patterns that have a variable at an end."""
+        if not self._at:
+            for edge in self.edges:
+                first, other = edge.ends
+                if first.kind == "variable":
+                    self._at.setdefault(first.value, []).append(edge)
+                if other.kind == "variable" and other.value != first.value:
+                    self._at.setdefault(other.value, []).append(edge)
+        return self._at.get(variable, [])
+
+    def touching(self, edge: Edge) -> list[Edge]:
+        """Return the patterns that have a variable in common with one, itself among them."""
+        names = (edge.subject.value, edge.object.value)
+        listed = self._touching.get(names)
+        if listed is None:
+            first, other = (
+                self.having(end.value) if end.kind == "variable" else [] for end in edge.ends
+            )
+            if names[0] == names[1]:
+                other = []
+            listed = first + [beside for beside in other if not beside.mentions(names[0])]
+            self._touching[names] = listed
+        return listed
 
 
 def contexts(group: Group, around: Context | None = None) -> Iterator[Context]:
@@ -171,16 +214,20 @@ class Demands:
 
     def conflicts(self, context: Context) -> list[Conflict]:
         """Return the pairs of demands in a context that nothing meets, its own in one of them."""
-        demands: dict[str, list[Demand]] = defaultdict(list)
-        for edge in context.edges:
-            for demand in self.of(edge, context) or ():
-                if demand.node.kind == "variable":
-                    demands[demand.node.value].append(demand)
-                elif demand.node.kind == "literal":
-                    continue
         own = {id(edge) for edge in context.own}
+        names = dict.fromkeys(
+            end.value for edge in context.own for end in edge.ends if end.kind == "variable"
+        )
         found: list[Conflict] = []
-        for given in demands.values():
+        for name in names:
+            given = [
+                demand
+                for edge in context.having(name)
+                for demand in self.of(edge, context) or ()
+                if demand.node.kind == "variable" and demand.node.value == name
+            ]
+            if len(given) < 2 or _is_met(given):
+                continue
             for at, first in enumerate(given):
                 for other in given[at + 1 :]:
                     if id(first.edge) not in own and id(other.edge) not in own:
@@ -205,10 +252,15 @@ class Demands:
         return Conflict(first, other, self._is_impossible(first.bits, other.bits))
 
     def _is_foreign(self, first: Demand, other: Demand) -> bool:
-        """Return whether the classes that one end demands share no superclass with what is seen."""
+        """Return whether the classes that one end demands share no superclass with what is seen.
+
+        Those of the upper ontologies do not count for our own properties, which say one thing.
+        """
         seen, given = (first, other) if first.is_observed else (other, first)
         if given.is_observed or seen.bits is None or given.bits is None:
             return False
+        if seen.edge.steps[0].node.value.startswith(ontology.NS):
+            return self._vocabulary.are_unlike(seen.bits, given.bits)
         return self._vocabulary.are_foreign(seen.bits, given.bits)
 
     def _is_impossible(self, first: int, other: int) -> bool:
@@ -218,11 +270,29 @@ class Demands:
         return all(vocabulary.are_disjoint(a, b) for a in tops[0] for b in tops[1])
 
 
+def _is_met(demands: list[Demand]) -> bool:
+    """Return whether some class has all that is demanded of a variable, so that nothing parts it.
+
+    A quick look, after which most variables need no other.
+    """
+    bits, natures = -1, set()
+    for demand in demands:
+        if demand.datatypes:
+            return False
+        if demand.bits is not None:
+            bits &= demand.bits
+        if demand.is_thing is not None:
+            natures.add(demand.is_thing)
+    return bits != 0 and len(natures) < 2
+
+
 def _either(
     alternatives: Iterable[tuple[int | None, bool | None, frozenset[str]]],
 ) -> tuple[int | None, bool | None, frozenset[str]]:
     """Return what an end must be if one of several demands is met."""
     rows = list(alternatives)
+    if len(rows) == 1:
+        return rows[0]
     bits = 0
     for first, _, _ in rows:
         if first is None:

@@ -9,14 +9,13 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import ontology
-from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.findings import Edit, Finding, Repair, Severity
 from rtask.asking.check.fitting import Fitting
-from rtask.asking.check.names import likeness
+from rtask.asking.check.naming.names import likeness, may_be_like
 from rtask.asking.check.syntax.outline import Edge, Node, Outline
 from rtask.asking.check.syntax.writing import written
 from rtask.asking.check.types import TYPE
-from rtask.asking.check.vocabulary import Vocabulary, local
+from rtask.asking.check.vocabulary import local
 from rtask.sparql.place_service import PLACE_SERVICE
 
 if TYPE_CHECKING:
@@ -64,14 +63,12 @@ def shipped_terms() -> Mapping[str, str]:
 class Unknown:
     """Looks for unknown terms in one query."""
 
-    def __init__(
-        self, kb: GraphCore, vocabulary: Vocabulary, evidence: Evidence, outline: Outline
-    ) -> None:
+    def __init__(self, kb: GraphCore, fitting: Fitting, outline: Outline) -> None:
         self._kb = kb
-        self._vocabulary = vocabulary
-        self._evidence = evidence
+        self._vocabulary = fitting.vocabulary
+        self._evidence = fitting.evidence
         self._outline = outline
-        self._fitting = Fitting(vocabulary, evidence, outline)
+        self._fitting = fitting
 
     def findings(self) -> Iterator[Finding]:
         """Yield the unknown and misplaced terms of a query."""
@@ -172,9 +169,13 @@ class Unknown:
         name = local(node.value).lower()
         namespace = node.value[: len(node.value) - len(local(node.value))]
         rated = []
+        longest = max(4, len(name) // 2)
+        lowered = self._vocabulary.lowered
         for iri in known:
-            other = local(iri).lower()
-            if abs(len(other) - len(name)) > max(4, len(name) // 2):
+            other = lowered[iri]
+            if abs(len(other) - len(name)) > longest:
+                continue
+            if not may_be_like(name, other, _MIN_LIKENESS - 0.1):
                 continue
             rating = likeness(name, other) + (0.1 if iri.startswith(namespace) else 0.0)
             if rating >= _MIN_LIKENESS:

@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 
 from rtask.asking.check.findings import Edit, Finding, Repair
-from rtask.asking.check.names import likeness
+from rtask.asking.check.naming.names import likeness
 from rtask.asking.check.syntax.outline import Group, Node, Outline
 from rtask.rdf.terms import RDF_TYPE
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations
+from typing import TypeAlias
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
@@ -23,6 +24,9 @@ __all__ = ["TOP", "Property", "Vocabulary", "local"]
 
 _RDFS, _OWL = ontology.PREFIXES["rdfs"], ontology.PREFIXES["owl"]
 _RDF = ontology.PREFIXES["rdf"]
+_UPPER = tuple(ontology.PREFIXES[name] for name in ("sumo", "prov", "sosa"))
+_Axioms: TypeAlias = tuple[int | None, int | None, bool | None, frozenset[str]]
+"""Classes of subjects and of values, whether these are things, and their datatypes."""
 TOP = {_OWL + "Thing", _RDFS + "Resource", _RDFS + "Literal"}
 _OF_TERMS = ("subClassOf", "subPropertyOf", "domain", "range", "isDefinedBy", "seeAlso")
 _CLASSES = tuple(NamedNode(iri) for iri in (_OWL + "Class", _RDFS + "Class"))
@@ -37,6 +41,7 @@ _PROPERTIES = tuple(
 )
 
 
+@lru_cache(maxsize=16_384)
 def local(iri: str) -> str:
     """Return the part of an IRI behind the last ``#``, ``/`` or ``:``."""
     return iri[max(iri.rfind(mark) for mark in "#/:") + 1 :]
@@ -71,6 +76,11 @@ class Property:
     datatypes: set[str] = field(default_factory=set)
     relates_things: bool | None = None
     classes: tuple[list[str], list[str]] = field(default_factory=lambda: ([], []))
+
+    @cached_property
+    def types(self) -> frozenset[str]:
+        """Datatypes of its values."""
+        return frozenset(self.datatypes)
 
     @cached_property
     def domain(self) -> int | None:
@@ -110,6 +120,7 @@ class Vocabulary:
         self._disjoint: set[frozenset[str]] = set()
         self._unions: dict[Term, list[str]] = {}
         self._general: dict[int, list[str]] = {}
+        self._named: dict[int, list[str]] = {}
         self._read()
 
     def _quads(self, predicate: str) -> Iterator[tuple[Term, Term]]:
@@ -238,11 +249,33 @@ class Vocabulary:
 
     def are_foreign(self, mine: int, other: int) -> bool:
         """Return whether the classes of two sets have no superclass in common."""
+        return not self._shared(mine, other)
+
+    def are_unlike(self, mine: int, other: int) -> bool:
+        """Return whether the superclasses that two sets have in common are of upper ontologies.
+
+        A box and a robot are both physical, which does not make them alike.
+        """
+        return all(kind.startswith(_UPPER) for kind in self._shared(mine, other))
+
+    def below_all(self, names: Iterable[str]) -> int | None:
+        """Return the bits of the subclasses of what is above all of some classes.
+
+        None if that is a class of an upper ontology only.
+        """
+        common = set.intersection(*(self.above[name] for name in names))
+        named = [kind for kind in common if not kind.startswith(_UPPER) and kind in self.below]
+        bits = -1
+        for kind in named:
+            bits &= self.below[kind]
+        return bits if named else None
+
+    def _shared(self, mine: int, other: int) -> set[str]:
         above = [
             {kind for top in self.most_general(bits) for kind in self.above[top]}
             for bits in (mine, other)
         ]
-        return not above[0] & above[1]
+        return above[0] & above[1]
 
     def most_general(self, bits: int) -> list[str]:
         """Return the classes of bits that have none of the others above them."""
@@ -255,7 +288,24 @@ class Vocabulary:
 
     def names(self, bits: int) -> list[str]:
         """Return the classes of bits."""
-        return [name for name, bit in self.bit.items() if bit & bits]
+        listed = self._named.get(bits)
+        if listed is None:
+            listed = self._named[bits] = [name for name, bit in self.bit.items() if bit & bits]
+        return listed
+
+    @cached_property
+    def alike(self) -> dict[_Axioms, list[str]]:
+        """The properties that have the same axioms, by these."""
+        groups: dict[_Axioms, list[str]] = defaultdict(list)
+        for iri, made in self.properties.items():
+            axioms = made.domain, made.range, made.relates_things, made.types
+            groups[axioms].append(iri)
+        return groups
+
+    @cached_property
+    def lowered(self) -> dict[str, str]:
+        """The local name of each term, in lower case."""
+        return {iri: local(iri).lower() for iri in (*self.bit, *self.properties)}
 
     @cached_property
     def namespaces(self) -> frozenset[str]:

@@ -30,9 +30,10 @@ from rtask.asking.questions.mentions import (
     find_by_part,
     find_mentions,
     tokens_of,
+    with_called,
 )
 from rtask.asking.questions.periods import Period, find_period
-from rtask.asking.questions.sentences import MAX_CLAUSES, names_of, sentence
+from rtask.asking.questions.sentences import MAX_CLAUSES, MAX_LISTED, names_of, sentence
 from rtask.asking.questions.why import why_of
 from rtask.asking.questions.words import split_name, stem
 from rtask.errors import UsageError
@@ -244,7 +245,8 @@ def answer(
         sparql,
         rows,
         {str(python_value(term)): name for term, name in names.items()},
-        _answer_words(question, filled, reading, rows, names, is_cut),
+        _answer_words(question, filled, reading, rows, names, is_cut)
+        + _called_only(run, filled, rows),
         nearest,
         is_cut,
         why_of(run, rows, sparql),
@@ -277,7 +279,7 @@ def _read(run: Select, text: str, base: str, now: dt.datetime) -> _Reading:
     period = find_period(text, now)
     plain = text.replace(period.text, " ") if period is not None else text
     tokens = tuple(tokens_of(plain))
-    mentions = tuple(find_mentions(run, list(tokens), base))
+    mentions = tuple(with_called(run, tokens, find_mentions(run, list(tokens), base)))
     strange = [at for at, token in enumerate(tokens) if _is_strange(token, at, mentions)]
     mentions += tuple(find_by_part(run, tokens, strange))
     words: list[str] = []
@@ -393,6 +395,23 @@ def _answer_words(
         given.setdefault(role, words)
     more = f" There are more than {MAX_ROWS} rows." if is_cut else ""
     return sentence(question.answer, rows, names, given) + more + doubt
+
+
+def _called_only(run: Select, filled: list[Filled], rows: Solutions) -> str:
+    """Return a sentence about things that are called a kind which nobody has stated of them.
+
+    A question for the instances of a class cannot answer with them; saying nothing would deny them.
+    """
+    answered = {term for row in rows for term in row}
+    left = [
+        term for item in filled if item.slot.role == "kind" and not item.is_kind
+        for term in item.called if term not in answered
+    ]  # fmt: skip
+    if not left:
+        return ""
+    names = list(dict.fromkeys(names_of(run, left).values()))
+    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+    return f" Called so, but not known to be of that kind: {', '.join(names[:MAX_LISTED])}{more}."
 
 
 def _unanswered(text: str, reading: _Reading, words: str, nearest: tuple[Near, ...]) -> Answer:

@@ -35,6 +35,8 @@ class Filled:
         The terms are classes of what the slot takes.
     period
         For a slot of role ``time``.
+    called
+        With a kind: objects that are called so, of whatever class.
     """
 
     slot: Slot
@@ -42,6 +44,7 @@ class Filled:
     terms: tuple[Term, ...] = ()
     is_kind: bool = False
     period: Period | None = None
+    called: tuple[Term, ...] = ()
 
 
 def fill(question: Question, mentions: Iterable[Mention], period: Period | None) -> list[Filled]:
@@ -62,7 +65,7 @@ def fill(question: Question, mentions: Iterable[Mention], period: Period | None)
         mention = min(choices, key=lambda item: _preference(slot, item))
         used.add((mention.start, mention.end))
         is_kind = (mention.role == "kind" and slot.role == "object") or _restricts(slot, mention)
-        filled.append(Filled(slot, mention.text, mention.terms, is_kind))
+        filled.append(Filled(slot, mention.text, mention.terms, is_kind, called=mention.called))
     return filled
 
 
@@ -178,6 +181,12 @@ def _restriction(item: Filled) -> str:
 
 
 def _instances(variable: str, item: Filled) -> str:
+    """Return the pattern for the instances of kinds, and for what is called so."""
+    if item.called:
+        kinds = " UNION ".join(f"{{ {variable} a {term} }}" for term in item.terms)
+        called = " ".join(str(term) for term in item.called)
+        either = f"{kinds} UNION {{ VALUES {variable} {{ {called} }} }}"
+        return f"{{ SELECT DISTINCT {variable} {{ {either} }} }}"
     if len(item.terms) == 1:
         return f"{{ {variable} a {item.terms[0]} }}"
     kinds = " ".join(str(term) for term in item.terms)

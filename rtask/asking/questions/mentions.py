@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import ontology
 from rtask.asking.questions.words import STOP, forms, stem
@@ -19,6 +19,7 @@ from rtask.sparql.results import Solutions
 
 __all__ = [
     "MAX_MENTIONS", "Mention", "Select", "find_by_part", "find_mentions", "tokens_of",
+    "with_called",
 ]  # fmt: skip
 
 Select = Callable[[str], Solutions]
@@ -61,6 +62,8 @@ class Mention:
     is_cut
         The question names more than :data:`MAX_MENTIONS` things, of which only so many were read:
         more may have this name.
+    called
+        Of a kind: objects whose names end in its word, of whatever class they are.
     """
 
     start: int
@@ -70,6 +73,7 @@ class Mention:
     terms: tuple[Term, ...]
     is_plural: bool = False
     is_cut: bool = False
+    called: tuple[Term, ...] = ()
 
 
 def tokens_of(text: str) -> list[str]:
@@ -118,7 +122,27 @@ def find_mentions(
     return sorted(_longest(mentions), key=lambda item: (item.start, item.role))
 
 
-def find_by_part(select: Select, tokens: Sequence[str], places: Iterable[int]) -> list[Mention]:
+def with_called(
+    select: Select, tokens: Sequence[str], mentions: Iterable[Mention]
+) -> list[Mention]:
+    """Return mentions, those of a kind with the objects that are called so.
+
+    Nobody need have said that carton-7 is a carton, and a question about cartons means it, too.
+    """
+    mentions = list(mentions)
+    kinds = [item.start for item in mentions if item.role == "kind" and item.end == item.start + 1]
+    called = {item.start: item for item in find_by_part(select, tokens, kinds, at_end=True)}
+    return [
+        replace(item, called=called[item.start].terms,
+                is_cut=item.is_cut or called[item.start].is_cut)
+        if item.role == "kind" and item.start in called and item.end == item.start + 1 else item
+        for item in mentions
+    ]  # fmt: skip
+
+
+def find_by_part(
+    select: Select, tokens: Sequence[str], places: Iterable[int], at_end: bool = False
+) -> list[Mention]:
     """Return the objects whose names have a word of a question in them: "cartons" are carton-7.
 
     Parameters
@@ -127,7 +151,10 @@ def find_by_part(select: Select, tokens: Sequence[str], places: Iterable[int]) -
         The words of the question.
     places
         Where the words stand that mean nothing else.
+    at_end
+        The word must be the name's last, as the head of an English noun: a pen box is no pen.
     """
+    end = "[^a-z]*$" if at_end else "([^a-z]|$)"
     words = {
         form: at for at in places for form in (tokens[at].lower(), stem(tokens[at].lower()))
         if len(form) >= MIN_PART and form.isalpha()
@@ -138,7 +165,7 @@ def find_by_part(select: Select, tokens: Sequence[str], places: Iterable[int]) -
 SELECT DISTINCT ?word ?object WHERE {{
   VALUES ?word {{ {" ".join(str(Literal(word)) for word in words)} }}
   ?object a rt:ManipulableObject ; rt:name ?name
-  FILTER(REGEX(?name, CONCAT("(^|[^a-z])", ?word, "([^a-z]|$)"), "i"))
+  FILTER(REGEX(?name, CONCAT("(^|[^a-z])", ?word, "{end}"), "i"))
 }} LIMIT {MAX_MENTIONS + 1}""")
     named: dict[int, list[Term]] = {}
     for row in rows[:MAX_MENTIONS]:

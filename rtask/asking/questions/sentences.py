@@ -10,7 +10,7 @@ from rtask.asking.questions.mentions import Select
 from rtask.rdf.terms import Literal, NamedNode, Term, python_value
 from rtask.sparql.results import Solutions
 
-__all__ = ["MAX_CLAUSES", "names_of", "sentence", "spoken"]
+__all__ = ["MAX_CLAUSES", "MAX_LISTED", "names_of", "sentence", "spoken"]
 
 MAX_CLAUSES = 5
 MAX_LISTED = 12

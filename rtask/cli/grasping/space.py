@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from grasp.spatial.gripper import EndEffector
     from grasp.spatial.hand_search.shipped import Filter
     from grasp.spatial.meshes.mesh import Mesh
+    from grasp.spatial.scoring.promises import Promises
     from rtask.engine.records.shapes import ObjectShape
 
     Shape = Mesh | NDArray[np.float64]
@@ -43,6 +44,7 @@ class _SpaceCall(SpatialCall):
     viewpoint: tuple[tuple[float, float, float], ...]
     grasps: Path | None
     classifier: str | None
+    outcomes: Path | None
     store: bool
 
     def __post_init__(self) -> None:
@@ -64,8 +66,21 @@ class _SpaceCall(SpatialCall):
 
         return SpatialOptions(
             noise=self.noise, samples=self.samples, mass=self.mass, seed=self.seed, most=self.most,
-            find_support=not self.floating,
+            find_support=not self.floating, promises=self.promises(),
         )  # fmt: skip
+
+    def promises(self) -> Promises | None:
+        """Return what the hand's own outcomes teach, if they are given."""
+        if self.outcomes is None:
+            return None
+        from grasp.spatial.gripper import ParallelGripper
+        from grasp.spatial.scoring.outcome_files import read_outcomes
+        from grasp.spatial.scoring.promises import Promises
+
+        hand = self.end_effector()
+        if not isinstance(hand, ParallelGripper):
+            raise UsageError(f"--outcomes is about jaws, and {hand.name} has none: leave it out")
+        return Promises.by(hand).after(read_outcomes(self.outcomes))
 
     def filter(self) -> Filter:
         """Return the classifier of grasps of clouds, if one is asked for."""
@@ -119,6 +134,12 @@ class _SpaceCall(SpatialCall):
     help="A filter of grasps of clouds: a model made by `rtask grasp train`, or shipped for the "
     "one that comes with rtask for the hand.  [default: none]",
 )
+@click.option(
+    "--outcomes",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Own outcomes of the hand on meshes, one JSON object a line: lift, carry and load of the "
+    "grasp as printed by --json, lifted and carried true or false. Promises follow them.",
+)
 @pose_options
 @limit_option(10, "Number of grasps to print, and to store.")
 @result_options
@@ -130,7 +151,8 @@ def space(source: str, data: Path, as_json: bool, **options: Any) -> None:
 
     SOURCE is a mesh (.stl, .obj, .ply; z up), a segmented point cloud (.pcd, .ply, .npy, .xyz; z
     up), or the IRI, id or name of an object in the graph. Grasps are ranked by their confidence
-    under an uncertain pose; lengths are in m.
+    under an uncertain pose; lengths are in m. For meshes, lift and carry are the chances that the
+    hand lifts the object and still holds it when shaken; see --outcomes.
     """
     with errors_name(source), announce_compilation():
         call = _SpaceCall(**options)
@@ -157,6 +179,8 @@ def _shape(source: str, data: Path, call: _SpaceCall) -> tuple[Shape, str, Objec
     if not path.is_file():
         stored_shape = _object(source, data)
         call.refuse(f"is about files, and {source} is an object", "viewpoint", "grasps", "part")
+        if stored_shape.mesh is None:
+            call.refuse(f"is about meshes, and {source} has a cloud", "outcomes")
         shape = stored_shape.points if stored_shape.mesh is None else stored_shape.mesh
         return shape, stored_shape.note, stored_shape
     if call.store:
@@ -166,7 +190,7 @@ def _shape(source: str, data: Path, call: _SpaceCall) -> tuple[Shape, str, Objec
         mesh, others = _body(read_mesh(path, call.scale), path, call)
         return mesh, f"{len(mesh.faces)} faces, {_size(mesh)}{others}", None
     call.refuse(f"needs the mesh that they are grasps of, and {path} is a cloud", "grasps")
-    call.refuse(f"is about meshes, and {path} is a cloud", "part")
+    call.refuse(f"is about meshes, and {path} is a cloud", "part", "outcomes")
     points = call.scale * read_cloud(path)
     return points, f"{len(points)} points", None
 

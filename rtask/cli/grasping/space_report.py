@@ -133,7 +133,8 @@ def _print(
     for row in _rows(proposals, call.limit):
         x, y, z = (1000 * v for v in row["position"])
         a, b, c = row["approach"]
-        held = f"  {row['lift']:.2f}   {row['carry']:.2f}" if "carry" in row else ""
+        chances = [row.get(f"{name}_chance", row.get(name)) for name in ("lift", "carry")]
+        held = f"  {chances[0]:.2f}   {chances[1]:.2f}" if "carry" in row else ""
         held += f"  {row['moves']:.2f}   {row['segment']:6d}" if "moves" in row else ""
         click.echo(
             f"{row['rank']:4d}  ({x:6.1f},{y:6.1f},{z:6.1f})  ({a:+.2f},{b:+.2f},{c:+.2f})  "

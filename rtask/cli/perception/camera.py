@@ -1,4 +1,4 @@
-"""``rtask camera``: check a camera's calibration against its depth."""
+"""``rtask camera``: check a camera's calibration against its depth, or estimate one."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from rtask.cli.options import json_option, print_json
+from rtask.cli.perception.camera_estimate import estimate
 from rtask.cli.perception.scene_file import View, camera_options, read_scene
 from rtask.errors import DataError, UsageError
 
@@ -18,7 +19,13 @@ _MAX_REPROJECTION_PX, _MAX_SCALE = 1.0, 0.03
 
 
 @click.command()
-@click.argument("file", type=click.Path(exists=True, path_type=Path))
+@click.argument(
+    "files",
+    nargs=-1,
+    required=True,
+    metavar="FILE...",
+    type=click.Path(exists=True, path_type=Path),
+)
 @camera_options
 @click.option(
     "--board",
@@ -28,23 +35,56 @@ _MAX_REPROJECTION_PX, _MAX_SCALE = 1.0, 0.03
     help="Inner corners of a printed chessboard in view, along either side.",
 )
 @click.option("--square", type=click.FloatRange(0.001, 1), help="Side of its squares, m.")
+@click.option(
+    "--estimate",
+    "out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="OUT",
+    help="Write the camera of the pictures FILE... of the board as JSON for --camera.",
+)
+@click.option(
+    "--depths",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="With --estimate: depth images of the same names, for the place of their camera.",
+)
 @json_option
 def camera(
-    file: Path, view: View, board: tuple[int, int] | None, square: float | None, as_json: bool
+    files: tuple[Path, ...], view: View, board: tuple[int, int] | None, square: float | None,
+    out: Path | None, depths: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Check a camera's calibration against its depth. Exit code 1 if it is off.
+    """Check a camera's calibration against its depth, or estimate it. Exit code 1 if it is off.
 
     FILE is a depth image with --colour, a recording or a crop, of things that stand before others:
     colours must end where depth does. With --board and --square, a printed chessboard must be as
     far and as large in depth as in the picture.
-    """
-    from features.geometry import Frame
-    from features.imaging.calibration import check_board, registration_shift
 
+    With --estimate, FILE... are pictures of the board in at least six postures, tilted to each
+    side, near and far. --depths adds the place of a depth camera, which --focal or --camera
+    describes.
+    """
     if (board is None) != (square is None):
         raise UsageError("--board and --square belong together")
     if view.frame:
         raise UsageError("--frame: no use here, where the camera stands does not matter")
+    if out is not None:
+        if board is None or square is None:
+            raise UsageError("--estimate needs the board: --board and --square")
+        estimate(files, view, (*board, square), out, depths, as_json=as_json)
+        return
+    if depths is not None:
+        raise UsageError("--depths belongs to --estimate")
+    if len(files) > 1:
+        raise UsageError("one FILE is checked at a time; several belong to --estimate")
+    _check(files[0], view, board, square, as_json=as_json)
+
+
+def _check(
+    file: Path, view: View, board: tuple[int, int] | None, square: float | None, *, as_json: bool
+) -> None:
+    from features.geometry import Frame
+    from features.imaging.calibration import check_board, registration_shift
+
     seen = read_scene(file, view)
     if not isinstance(seen, Frame):
         raise UsageError(f"{file} is a cloud; the calibration shows in images of depth and colour")

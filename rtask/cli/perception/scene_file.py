@@ -22,7 +22,16 @@ if TYPE_CHECKING:
     from features.imaging.camera import Lens
     from features.imaging.photo import Photo
 
-__all__ = ["View", "camera_options", "is_recording", "read_scene", "read_view", "save_picture"]
+__all__ = [
+    "View",
+    "camera_options",
+    "is_recording",
+    "read_cameras",
+    "read_image",
+    "read_scene",
+    "read_view",
+    "save_picture",
+]
 
 log = logging.getLogger(__name__)
 
@@ -87,8 +96,8 @@ class View:
 
 
 @dataclass(frozen=True)
-class _Cameras:
-    """Cameras of a pair of images.
+class Cameras:
+    """Cameras of a pair of images, and where they stand.
 
     Parameters
     ----------
@@ -212,6 +221,8 @@ def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
     from features.codec import CloudFormatError, decode
     from features.codec.image_header import is_image
     from features.codec.limits import Limits, UnknownFormatError
+    from features.codec.types import Cloud
+    from features.imaging.pictures import implausible_cloud
 
     if is_recording(file):
         if file.is_dir() and not (file / "metadata.yaml").is_file():
@@ -234,7 +245,15 @@ def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
     except CloudFormatError as error:
         raise DataError(f"{file}: {error}") from error
     _allow(file, "a cloud", view, ())
+    if isinstance(seen, Cloud):
+        _say_doubt(file, implausible_cloud(seen.positions))
     return seen
+
+
+def _say_doubt(file: Path, doubt: str) -> None:
+    """Say on the error output that the unit of a file is doubtful, if it is."""
+    if doubt:
+        click.echo(f"{file}: {doubt}", err=True)
 
 
 def _allow(file: Path, kind: str, view: View, options: tuple[str, ...]) -> None:
@@ -272,6 +291,7 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
 
     from features.codec.image_header import bits_of, is_cut_off
     from features.imaging.photo import read_photo
+    from features.imaging.pictures import implausible_depth
 
     if is_cut_off(data):
         raise DataError(f"{file}: the PNG is cut off")
@@ -282,17 +302,18 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
         _allow(file, "a photograph, read without a camera", view, ())
         return read_photo(data)
     _allow(file, "a depth image", view, tuple(name for name in _OPTIONS if name != "--at"))
-    depth = _image(file, data, limits)
+    depth = read_image(file, data, limits)
     if depth.ndim == 3 or depth.dtype != np.uint16:
         raise UsageError(f"{file} is a colour image of 16 bits; save it with 8 bits a channel")
     if not 1e-6 <= view.depth_unit_m <= 1.0:
         raise UsageError(f"--depth-unit {view.depth_unit_m} m: expected 0.000001 to 1")
     depth_m = (depth * view.depth_unit_m).astype(np.float32)
-    return _with_colour(depth_m, view, _cameras(depth.shape, view), limits)
+    _say_doubt(file, implausible_depth(depth_m))
+    return _with_colour(depth_m, view, read_cameras(depth.shape, view), limits)
 
 
 def _with_colour(
-    depth_m: NDArray[np.float32], view: View, cameras: _Cameras, limits: Limits
+    depth_m: NDArray[np.float32], view: View, cameras: Cameras, limits: Limits
 ) -> Frame:
     import numpy as np
 
@@ -304,7 +325,7 @@ def _with_colour(
     camera = cameras.depth.intrinsics
     if view.colour is None:
         return Frame(straight, camera)
-    rgb = _image(view.colour, _bytes_of(view.colour, limits.stored_bytes), limits)
+    rgb = read_image(view.colour, _bytes_of(view.colour, limits.stored_bytes), limits)
     if rgb.ndim == 2:
         rgb = np.repeat(rgb[..., None], 3, axis=2)
     if rgb.dtype != np.uint8:
@@ -330,8 +351,14 @@ def _with_colour(
         raise UsageError(f"{view.colour}: {error}") from error
 
 
-def _image(file: Path, data: bytes, limits: Limits) -> NDArray[Any]:
-    """Decode an image, as BGR or grey of any depth, after checking the size in its header."""
+def read_image(file: Path, data: bytes, limits: Limits) -> NDArray[Any]:
+    """Decode an image, as BGR or grey of any depth, after checking the size in its header.
+
+    Raises
+    ------
+    DataError
+        It is damaged, or larger than the limits.
+    """
     import cv2
     import numpy as np
 
@@ -353,15 +380,21 @@ def _image(file: Path, data: bytes, limits: Limits) -> NDArray[Any]:
     return np.asarray(image)
 
 
-def _cameras(shape: tuple[int, ...], view: View) -> _Cameras:
-    """Return the cameras of the options, or of the file that describes them."""
+def read_cameras(shape: tuple[int, ...], view: View) -> Cameras:
+    """Return the cameras of the options, or of the file that describes them.
+
+    Raises
+    ------
+    UsageError
+        They describe no camera, or one of another size than the image (h, w, ...).
+    """
     import numpy as np
 
     from features.imaging.camera import Lens, lens_from_message
 
     if view.camera is None:
         try:
-            return _Cameras(Lens(_camera(shape, view), view.distortion))
+            return Cameras(Lens(_camera(shape, view), view.distortion))
         except ValueError as error:
             raise UsageError(f"--distortion: {error}") from error
     try:
@@ -383,7 +416,7 @@ def _cameras(shape: tuple[int, ...], view: View) -> _Cameras:
             f"{view.camera}: the camera has {depth.intrinsics.width}x{depth.intrinsics.height} px, "
             f"the image {shape[1]}x{shape[0]}"
         )
-    return _Cameras(depth, colour, pose)
+    return Cameras(depth, colour, pose)
 
 
 def _camera(shape: tuple[int, ...], view: View) -> Intrinsics:

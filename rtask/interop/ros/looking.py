@@ -203,6 +203,8 @@ class SeeRun:
         seen.object, seen.name = answer["object"], answer["label"]
         seen.class_name, seen.class_iri = answer["class"], answer["class_iri"]
         seen.confidence = float(answer["confidence"])
+        alike = _most_alike(answer)
+        seen.view, seen.picture = alike.get("view", ""), alike.get("picture", "")
         seen.grasps = [fill(make("moveit_msgs/Grasp"), grasp, make) for grasp in answer["grasps"]]
         return seen
 
@@ -225,3 +227,10 @@ class SeeRun:
             "min_confidence": least,
         }  # fmt: skip
         return {**asked, **{name: value for name, value in optional.items() if value is not None}}
+
+
+def _most_alike(answer: JsonObject) -> JsonObject:
+    """Return the match that the object was recognised by, or else the best; empty for none."""
+    matches: list[JsonObject] = answer["recognition"]["matches"]
+    same = [match for match in matches if match["object"] == answer["object"]]
+    return next(iter(same or matches), {})

@@ -18,7 +18,15 @@ from typing import Any
 
 from rtask.errors import BusyError
 
-__all__ = ["OF_OPERATORS", "OF_ROBOTS", "UNBOUNDED", "Guard", "ReasoningLimits", "return_memory"]
+__all__ = [
+    "OF_OPERATORS",
+    "OF_ROBOTS",
+    "UNBOUNDED",
+    "Guard",
+    "ReasoningLimits",
+    "return_memory",
+    "stopping",
+]
 
 _FIRST_DERIVED, _FIRST_DERIVED_EACH = 1_000, 5
 _FIRST_FIRINGS, _FIRST_FIRINGS_EACH = 15_000, 15
@@ -114,10 +122,7 @@ class Guard:
     def __call__(self) -> None:
         """Let the derivation go on, or raise."""
         if self._stop.is_set():
-            raise BusyError(
-                "the server is stopping; nothing was stored; send the change again later",
-                retry_after_s=_RETRY_S,
-            )
+            raise stopping()
         now = time.monotonic()
         if self._seconds is not None and now - self._started > self._seconds:
             raise BusyError(
@@ -144,6 +149,14 @@ class Guard:
                 limit="reasoning memory",
                 allowed=allowed,
             )
+
+
+def stopping() -> BusyError:
+    """Return the refusal of a change that would take long while the server stops."""
+    return BusyError(
+        "the server is stopping; nothing was stored; send the change again later",
+        retry_after_s=_RETRY_S,
+    )
 
 
 def resident_bytes() -> int | None:

@@ -76,6 +76,9 @@ def bulk_add(
     _refuse_rules(committer, graph)
     with writer.exclusive():
         request.access.require_write(graph, "load")
+        if committer.late is not None:
+            # A read would store them, and wait for a bulk load that waits for what was read.
+            committer.late.flush()
         _checkpoint(files, committer.last_seq)
         if files.folder is not None:
             discard_saved(files.folder)
@@ -137,7 +140,8 @@ def _add_quads(
 
     right = None
     if not access.may_state_axioms:
-        right = SchemaRight(access, committer.graphs, files.store)
+        declared = committer.catalogue.declared()
+        right = SchemaRight(access, committer.graphs, files.store, declared)
     names_robots = access.role == "robot" and not committer.plain
 
     def with_union() -> Iterator[Quad]:

@@ -17,6 +17,7 @@ from pyoxigraph import Quad
 import ontology
 from rtask.kb.durability.blobs import Blob
 from rtask.kb.durability.journal import CommitRecord
+from rtask.kb.store.declared_terms import declared_terms
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs, graph_class
 from rtask.kb.store.overlay import Overlay
@@ -46,6 +47,7 @@ _ASSOCIATED = iri(_PROV + "wasAssociatedWith")
 _STARTED = iri(_PROV + "startedAtTime")
 _ENDED = iri(_PROV + "endedAtTime")
 _COMMENT = iri("http://www.w3.org/2000/01/rdf-schema#comment")
+_ONTOLOGY = "OntologyGraph"
 _ACTIVITY_TYPES = (iri(_RT + "WriteActivity"), iri(_PROV + "Activity"))
 
 
@@ -86,6 +88,7 @@ class Catalogue:
     store: GraphStore
     graphs: Graphs
     _entries: dict[GraphName, _Entry] = field(default_factory=dict)
+    _declared: frozenset[NamedNode] | None = None
 
     def __post_init__(self) -> None:
         self.refresh()
@@ -93,6 +96,7 @@ class Catalogue:
     def refresh(self) -> None:
         """Read the catalogue from the store again."""
         self._entries.clear()
+        self._declared = None
         for quad in self.store.quads_for_pattern(None, None, None, self.graphs.meta):
             self._take(quad)
 
@@ -107,6 +111,8 @@ class Catalogue:
             entry.triples = _integer(quad.object)
         elif quad.predicate == RDF_TYPE and isinstance(quad.object, NamedNode):
             entry.kind = quad.object.value.removeprefix(_RT)
+        if entry.kind == _ONTOLOGY:
+            self._declared = None
 
     @property
     def seq(self) -> int:
@@ -131,7 +137,13 @@ class Catalogue:
 
     def is_ontology(self, graph: GraphName) -> bool:
         """Whether a graph holds an ontology."""
-        return self.kind(graph) == "OntologyGraph"
+        return self.kind(graph) == _ONTOLOGY
+
+    def declared(self) -> frozenset[NamedNode]:
+        """Return what :func:`rtask.kb.store.declared_terms.declared_terms` yields now."""
+        if self._declared is None:
+            self._declared = frozenset(declared_terms(self.store, self.ontologies()))
+        return self._declared
 
     def last_time(self) -> dt.datetime | None:
         """Return the time at which the last commit ended; ``None`` if there was none."""
@@ -294,6 +306,7 @@ class Catalogue:
     def forget(self, graph: GraphName) -> None:
         """Drop a graph's entry after the graph was dropped."""
         self._entries.pop(graph, None)
+        self._declared = None
 
 
 def _integer(term: object) -> int:

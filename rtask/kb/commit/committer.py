@@ -24,7 +24,7 @@ from rtask.errors import (
     TooMuchFollowsError,
     VersionConflictError,
 )
-from rtask.kb.commit.budget import UNBOUNDED, Guard, ReasoningLimits
+from rtask.kb.commit.budget import UNBOUNDED, Guard, ReasoningLimits, stopping
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
 from rtask.kb.commit.commit import MAX_EMPTIED, Change, Commit, Request
 from rtask.kb.commit.inference import (
@@ -81,7 +81,8 @@ class Committer:
     late
         Where the notes of small commits wait; ``None`` without notes.
     stop
-        Set to end the derivation under way, and each later one.
+        Set to end the derivation under way, and each later one; large changes of a server's
+        callers are refused then.
     """
 
     store: GraphStore
@@ -102,6 +103,8 @@ class Committer:
     def commit(self, change: Overlay, request: Request) -> Change:
         """Store a change with the statements derived from it, or raise and store nothing."""
         makes_many = len(change.added) + len(change.removed) > MAX_LATE
+        if makes_many and request.reasoning_limits is not None and self.stop.is_set():
+            raise stopping()  # many may wait for the lock, each of which would hold it for long
         with collector_paused() if makes_many else nullcontext():
             if makes_many and self.late is not None:
                 self.late.flush()  # now, so that what is looked up of the change stays true
@@ -146,7 +149,7 @@ class Committer:
         self._check_version(request)
         self._check_rights(change, request)
         if not (request.trusted or self.plain):
-            require_schema(change, request.access, self.graphs, self.graphs.is_input)
+            require_schema(change, request.access, self.graphs, self.catalogue.declared)
         if not request.trusted:
             self._check_literals(change)
         return is_empty

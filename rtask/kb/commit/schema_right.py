@@ -2,12 +2,13 @@
 
 What a robot stores is data, and never the schema of others: one `rt:Mug owl:disjointWith
 rt:ManipulableObject` would have every other robot's mug refused. Without the right, a caller may
-state axioms about its own terms only, and only such as say nothing about the terms of others.
+state axioms about its own terms only, and only such as say nothing about the terms of others. About
+a term that an ontology declares it may state nothing at all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from itertools import chain, islice
 from urllib.parse import quote
 
@@ -122,10 +123,18 @@ class SchemaRight:
         The caller, bound to the knowledge base.
     store
         What is stored before the change.
+    declared
+        Terms that ontologies declare.
     """
 
-    def __init__(self, access: Access, graphs: Graphs, store: GraphStore) -> None:
-        self._access = access
+    def __init__(
+        self,
+        access: Access,
+        graphs: Graphs,
+        store: GraphStore,
+        declared: Collection[NamedNode],
+    ) -> None:
+        self._declared = declared
         self._graphs = graphs
         self._store = store
         self._home = access.home()
@@ -134,7 +143,10 @@ class SchemaRight:
         self._serves: dict[Term, bool] = {}
 
     def is_foreign(self, quad: Quad) -> bool:
-        """Whether a statement is an axiom that needs the right."""
+        """Whether a statement needs the right: an axiom, or about a declared term."""
+        subject = quad.subject
+        if subject in self._declared or _is_vocabulary(subject):
+            return True
         return is_axiom(quad) and not self._is_harmless(quad)
 
     def _is_harmless(self, quad: Quad) -> bool:
@@ -218,16 +230,16 @@ class SchemaRight:
 
 
 def foreign_axioms(
-    change: Overlay, access: Access, graphs: Graphs, is_input: Callable[..., bool]
+    change: Overlay, access: Access, graphs: Graphs, declared: Collection[NamedNode]
 ) -> Iterator[Quad]:
     """Yield the added statements for which the caller needs the right ``schema``.
 
     Parameters
     ----------
-    is_input
-        Whether the reasoner reads a graph.
+    declared
+        Terms that ontologies declare.
     """
-    right = SchemaRight(access, graphs, change.store)
+    right, is_input = SchemaRight(access, graphs, change.store, declared), graphs.is_input
     for quad in change.added:
         if is_input(quad.graph_name) and right.is_foreign(quad):
             yield quad
@@ -249,9 +261,17 @@ def namespaces(access: Access, graphs: Graphs) -> tuple[str, ...]:
 
 
 def require_schema(
-    change: Overlay, access: Access, graphs: Graphs, is_input: Callable[..., bool]
+    change: Overlay,
+    access: Access,
+    graphs: Graphs,
+    declared: Callable[[], Collection[NamedNode]],
 ) -> None:
     """Raise unless the caller may state the axioms of a change.
+
+    Parameters
+    ----------
+    declared
+        Returns the terms that ontologies declare.
 
     Raises
     ------
@@ -260,7 +280,7 @@ def require_schema(
     """
     if access.may_state_axioms:
         return
-    quad = next(foreign_axioms(change, access, graphs, is_input), None)
+    quad = next(foreign_axioms(change, access, graphs, declared()), None)
     if quad is None:
         return
     raise axiom_refused(quad, access, graphs)
@@ -270,8 +290,9 @@ def axiom_refused(quad: Quad, access: Access, graphs: Graphs) -> ForbiddenError:
     """Return the error for an axiom that the caller may not state."""
     statement = f"{quad.subject} {quad.predicate} {quad.object}"
     own = namespaces(access, graphs)[0] if access.agent else ""
+    kind = "it is an axiom" if is_axiom(quad) else f"{quad.subject} is a term of the schema"
     return ForbiddenError(
-        f"{access.role} {access.agent} may not state {statement}: it is an axiom, which holds for "
+        f"{access.role} {access.agent} may not state {statement}: {kind}, which holds for "
         f"everybody; that needs the right schema. About its own terms ({own}...) it may state "
         "axioms that say nothing about others",
         statement=statement,
@@ -280,12 +301,14 @@ def axiom_refused(quad: Quad, access: Access, graphs: Graphs) -> ForbiddenError:
 
 
 def stored_axioms(
-    store: GraphStore, graphs: Graphs, limit: int = 1_000
+    store: GraphStore, graphs: Graphs, declared: Collection[NamedNode], limit: int = 1_000
 ) -> Iterator[tuple[str, Quad]]:
     """Yield axioms about others' terms in the graphs of agents, with the agent's name.
 
     Parameters
     ----------
+    declared
+        Terms that ontologies declare; what is said about them counts as well.
     limit
         Axioms of one graph that are looked at.
     """
@@ -295,8 +318,9 @@ def stored_axioms(
             continue
         access = Access(name, "robot").bind(graphs)
         change = Overlay(store)
-        held = (q for q in store.quads_for_pattern(None, None, None, graph) if is_axiom(q))
+        here = store.quads_for_pattern(None, None, None, graph)
+        held = (q for q in here if is_axiom(q) or q.subject in declared)
         for quad, _ in zip(held, range(limit), strict=False):
             change.added[quad] = None
-        for quad in foreign_axioms(change, access, graphs, graphs.is_input):
+        for quad in foreign_axioms(change, access, graphs, declared):
             yield name, quad

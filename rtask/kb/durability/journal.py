@@ -26,6 +26,7 @@ from pyoxigraph import Quad, RdfFormat, parse, serialize
 
 from rtask.errors import StorageFullError, StoreError
 from rtask.kb.durability.blobs import sync_folder
+from rtask.kb.durability.journal_marks import JournalMarks
 from rtask.kb.store.quads import InGraph, parts_of
 from rtask.kb.store.writes import Writes
 from rtask.rdf.terms import DefaultGraph, GraphName, iri
@@ -185,6 +186,11 @@ class JournalFile:
     durable
         Whether :meth:`sync` calls fsync. Otherwise commits survive the end of the process but not
         a power cut.
+
+    Attributes
+    ----------
+    marks
+        Where each record begins, read when it is needed.
     """
 
     def __init__(self, folder: Path, durable: bool = True) -> None:
@@ -197,6 +203,7 @@ class JournalFile:
         self._written = self._written_before = self._synced = 0
         self._path: Path | None = None
         self.written_bytes = 0
+        self.marks = JournalMarks(self.segments)
 
     @property
     def folder(self) -> Path:
@@ -249,6 +256,8 @@ class JournalFile:
         """Remove the last record, whose number is then reused."""
         with self._syncing:
             os.ftruncate(self._handle, self._before)
+            if self._path is not None:
+                self.marks.forget(self._path.name, self._before)
             self._size = self._before
             self._written = self._written_before
             self._synced = min(self._synced, self._written)

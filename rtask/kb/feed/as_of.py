@@ -17,15 +17,17 @@ from rtask.kb.commit.committer import Committer
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.disk_space import full_disk, means_full
 from rtask.kb.durability.folder import Files
-from rtask.kb.durability.journal import JournalFile, NoJournal
+from rtask.kb.durability.journal import JournalFile, NoJournal, Record
 from rtask.kb.durability.private_copy import PastCopy
 from rtask.kb.durability.recovery import undo_all
 from rtask.kb.feed.feed import Feed
 from rtask.kb.store.embedded import EmbeddedStore, embedded_store
 from rtask.kb.store.graphs import Graphs
-from rtask.rdf.terms import moment
 
 __all__ = ["commit_at", "copy_as_of"]
+
+_FLUSHED_BYTES = 1 << 20
+"""Undone text from which the copy is flushed: less is read anew from its log by each reader."""
 
 
 def commit_at(files: Files, time: dt.datetime) -> int:
@@ -41,14 +43,12 @@ def commit_at(files: Files, time: dt.datetime) -> int:
     UnsupportedError
         The store keeps no journal.
     """
-    latest = first = None
-    for record in _journal(files).records(0):
-        first = record.seq if first is None else first
-        if moment(str(record.header.get("time") or "")) <= time:
-            latest = record.seq
-    if latest is None and first is not None and first > 1:
-        raise GoneError(f"the journal begins at commit {first}, which is after {time.isoformat()}")
-    return latest or 0
+    first, latest = _journal(files).marks.at(time)
+    if latest is None and first is not None and first.seq > 1:
+        raise GoneError(
+            f"the journal begins at commit {first.seq}, which is after {time.isoformat()}"
+        )
+    return 0 if latest is None else latest.seq
 
 
 def copy_as_of(
@@ -118,13 +118,27 @@ def _turned_back(
     store = EmbeddedStore(Store(path), path)
     try:
         store.is_view = files.settings.is_view
-        undo_all(store, reversed(list(journal.records(seq))), files.settings.is_merged)
-        if not files.settings.plain:
+        records = _records_after(journal, seq)
+        undo_all(store, reversed(records), files.settings.is_merged)
+        # Counting graphs takes longer than undoing a few commits, so only where it can differ.
+        if not files.settings.plain and any(map(_may_lack_some, records)):
             _require_whole(store, graphs, Catalogue(store, graphs), seq)
-        store.flush()
+        if sum(len(record.body) for record in records) > _FLUSHED_BYTES:
+            store.flush()
     finally:
         store.close()
     return EmbeddedStore(Store.read_only(path), path)
+
+
+def _records_after(journal: JournalFile, seq: int) -> list[Record]:
+    """Return the records after a commit, oldest first, without reading those before."""
+    mark = next(journal.marks.after(seq), None)
+    return [] if mark is None else list(journal.records_from(mark.segment, mark.start))
+
+
+def _may_lack_some(record: Record) -> bool:
+    """Whether a record may hold less than its commit changed: bulk loads, and lost records."""
+    return bool(record.header.get("partial")) or record.header.get("kind") != "delta"
 
 
 def _require_whole(store: EmbeddedStore, graphs: Graphs, catalogue: Catalogue, seq: int) -> None:

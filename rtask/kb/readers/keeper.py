@@ -43,6 +43,7 @@ _SEND_TIMEOUT_S = 30.0
 _COALESCE_S = 0.005
 _FEW = 64
 _AT_ONCE = 64 << 10
+_END_S = 1.0
 # -I: neither the script's folder nor the environment may shadow the standard library. The packages
 # that this process uses are searched next, before anything else that is installed.
 _START = """
@@ -426,14 +427,14 @@ class KeeperProcess:
             self._connection.shutdown(socket.SHUT_RDWR)
         self._fail()
         try:
-            self.process.wait(timeout=1.0)
+            self.process.wait(timeout=_END_S)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
         own = threading.current_thread()
         for thread in (self._sender, self._receiver):
             if thread is not own and thread.ident is not None:
-                thread.join(timeout=10.0)
+                thread.join(timeout=_END_S)
         self._connection.close()
 
 

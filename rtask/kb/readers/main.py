@@ -96,6 +96,8 @@ class Keeper:
         for pid in self._readers:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
+        for pid in self._readers:
+            with contextlib.suppress(ChildProcessError):
                 os.waitpid(pid, 0)
 
     def _handle(self, kind: bytes, payload: bytes, descriptors: list[int]) -> None:
@@ -204,3 +206,4 @@ def _send_hello(hello: socket.socket) -> None:
 
 if __name__ == "__main__":
     Keeper(socket.socket(fileno=int(sys.argv[1]))).run()
+    os._exit(0)  # to free the copy term by term would keep the knowledge base waiting

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 
 from rtask.errors import BusyError, ClosedError, QueryTimeout, QueryTooExpensive
+from rtask.kb.commit.budget import stopping
 from rtask.kb.readers.request import ReaderLimits
 
 __all__ = ["Places", "RefusedTexts", "require_time"]
@@ -33,7 +34,7 @@ class Places:
         self._changed = threading.Condition()
         self._taken = self._heavy = self._updating = 0
         self._waiting_quick = self._waiting_updates = 0
-        self._closed = False
+        self._closed = self._refuses_updates = False
 
     def enter(
         self, heavy: bool, at: float | None, timeout_s: float | None, update: bool = False
@@ -61,14 +62,14 @@ class Places:
             self._waiting_quick += not heavy
             self._waiting_updates += update
             try:
-                while not self._is_room(heavy, update) and not self._closed:
+                while not (self._is_room(heavy, update) or self._is_barred(update)):
                     require_time(at, timeout_s)
                     self._changed.wait(None if at is None else at - time.monotonic())
             finally:
                 self.waiting -= 1
                 self._waiting_quick -= not heavy
                 self._waiting_updates -= update
-            self._require_open()
+            self._require_open(update)
             return self._take(heavy, update)
 
     def enter_now(self) -> Callable[[], None] | None:
@@ -112,9 +113,20 @@ class Places:
             self._updating -= update
             self._changed.notify_all()
 
-    def _require_open(self) -> None:
+    def _is_barred(self, update: bool) -> bool:
+        return self._closed or (update and self._refuses_updates)
+
+    def _require_open(self, update: bool = False) -> None:
         if self._closed:
             raise ClosedError("the knowledge base is closed")
+        if self._is_barred(update):
+            raise stopping()
+
+    def refuse_updates(self) -> None:
+        """Let no update in, because the server stops; those that wait get a :class:`BusyError`."""
+        with self._changed:
+            self._refuses_updates = True
+            self._changed.notify_all()
 
     def close(self) -> None:
         """Let nobody in; those that wait get a :class:`ClosedError`."""

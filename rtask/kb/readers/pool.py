@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rtask.errors import QueryTooExpensive
+from rtask.errors import ClosedError, QueryTooExpensive, RtaskError
+from rtask.kb.commit.budget import stopping
 from rtask.kb.readers.keeper import ReaderGone, ReaderProcess
 from rtask.kb.readers.line import ReaderLine
 from rtask.kb.readers.places import Places, RefusedTexts, require_time
@@ -77,6 +78,8 @@ class Readers:
         self._lock = threading.RLock()  # a forgotten answer may be collected inside a block
         self._running: weakref.WeakSet[ReaderStream] = weakref.WeakSet()
         self._lines: set[ReaderLine] = set()
+        self._updates: weakref.WeakSet[ReaderStream] = weakref.WeakSet()
+        self._is_stopping = False
 
     @property
     def limits(self) -> ReaderLimits:
@@ -263,14 +266,40 @@ class Readers:
         self._refused.check(asked.kind, asked.text)
         leave = self._places.enter(True, at, limit_s, update=True)
         try:
-            stream = self._ask(asked, at, limit_s, None)
+            stream = self._ask(asked, at, limit_s, self._begin_update)
+        except ClosedError:
+            leave()
+            raise self._stopped() from None
         except BaseException:
             leave()
             raise
         stream.hold(leave)
         keeper = stream.reader.keeper
-        with stream:
-            return stream.read(), lambda: self._supply.is_replica(keeper)
+        try:
+            with stream:
+                return stream.read(), lambda: self._supply.is_replica(keeper)
+        except ClosedError:
+            raise self._stopped() from None
+
+    def _stopped(self) -> RtaskError:
+        if self._is_stopping:
+            return stopping()
+        return ClosedError("the knowledge base is closed")
+
+    def _begin_update(self, stream: ReaderStream) -> None:
+        with self._lock:
+            self._updates.add(stream)
+        if self._is_stopping:
+            stream.close()
+
+    def stop_updates(self) -> None:
+        """End the evaluation of updates, now and later; they are refused, and stored nothing."""
+        self._places.refuse_updates()
+        with self._lock:
+            self._is_stopping = True
+            running = list(self._updates)
+        for stream in running:
+            stream.close()
 
     def _ask(
         self,

@@ -145,6 +145,10 @@ class GraphStore(ABC):
         """Return the graphs that hold a triple."""
         return [quad.graph_name for quad in self.quads_for_pattern(*key, None)]
 
+    def holders_of_each(self, keys: Iterable[TripleKey]) -> dict[TripleKey, list[GraphName]]:
+        """Return the graphs that hold each of some triples."""
+        return {key: self.holders(key) for key in keys}
+
     @abstractmethod
     def count(self, graph: GraphName) -> int:
         """Return the number of triples in a graph."""

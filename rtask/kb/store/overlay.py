@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -27,6 +28,7 @@ class Holders:
         self._store = store
         self._writes = store.writes
         self._known: dict[TripleKey, Sequence[GraphName]] = {}
+        self._touched: set[TripleKey] | None = None
 
     def of(self, key: TripleKey) -> Sequence[GraphName]:
         """Return the graphs that hold a triple, the default graph included."""
@@ -41,6 +43,35 @@ class Holders:
                 self._known[key] = graphs
         return graphs
 
+    def find(self, keys: Iterable[TripleKey]) -> None:
+        """Look up many triples at once, while nobody writes."""
+        if self._writes != self._store.writes:
+            self._writes = self._store.writes
+            self._known.clear()
+        known = self._known
+        known.update(self._store.holders_of_each(key for key in keys if key not in known))
+
+    def find_meanwhile(
+        self, keys: Iterable[TripleKey], lock: Callable[[], AbstractContextManager[object]]
+    ) -> None:
+        """Look up many triples while others write, in what is followed.
+
+        Parameters
+        ----------
+        lock
+            Returns a context in which nobody writes; it is entered for a moment in the end.
+        """
+        self._touched = touched = set[TripleKey]()
+        try:
+            found = self._store.holders_of_each(keys)
+            with lock():
+                if self._writes == self._store.writes and self._touched is touched:
+                    for key in touched:
+                        found.pop(key, None)
+                    self._known.update(found)
+        finally:
+            self._touched = None
+
     def follow(self) -> None:
         """Keep what others' changes leave as it is; begin while nobody writes."""
         self._store.followers.append(self._take)
@@ -53,9 +84,11 @@ class Holders:
         size = len(writes.removed) + len(writes.added)
         if writes.is_replacement or size > _MAX_TAKEN or self._writes + 1 != self._store.writes:
             return
-        for quads in (writes.removed, writes.added):
-            for quad in quads:
-                self._known.pop(triple_key(quad), None)
+        touched = {triple_key(quad) for quads in (writes.removed, writes.added) for quad in quads}
+        for key in touched:
+            self._known.pop(key, None)
+        if self._touched is not None:
+            self._touched |= touched
         self._writes += 1
 
 

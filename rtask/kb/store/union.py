@@ -65,10 +65,8 @@ def union_change(
         else:
             looked_up.append(in_union)
     change.added.update(dict.fromkeys(store.lacking(looked_up)))
-    holds = _holder(store, gone, is_joined.__getitem__, holders or Holders(store))
-    for key in {triple_key(quad): None for quad in gone}:
-        if key not in new and not any(key in more for more in besides) and not holds(key):
-            change.removed[Quad(*key, DEFAULT)] = None
+    for key in _lost(store, gone, is_joined, holders or Holders(store), (new, *besides)):
+        change.removed[Quad(*key, DEFAULT)] = None
     return change
 
 
@@ -83,33 +81,43 @@ def input_change(
     inputs = _Cached(is_input)
     new = {triple_key(quad): None for quad in overlay.added if inputs[quad.graph_name]}
     gone = {quad: None for quad in overlay.removed if inputs[quad.graph_name]}
-    lost_keys = {triple_key(quad): None for quad in gone}
-    holds = _holder(overlay.store, gone, inputs.__getitem__, overlay.holders)
-    lost = [key for key in lost_keys if key not in new and not holds(key)]
-    return list(new), lost
+    return list(new), _lost(overlay.store, gone, inputs, overlay.holders, (new,))
 
 
-def _holder(
+def _lost(
     store: GraphStore,
     gone: dict[Quad, None],
-    counts: Callable[[GraphName], bool],
+    counts: _Cached,
     holders: Holders,
-) -> Callable[[TripleKey], bool]:
-    """Return a test whether some graph that counts holds a triple when these quads are gone."""
-    if len(gone) >= _LARGE:
-        graphs = [graph for graph in store.named_graphs() if counts(graph)]
-        if sum(map(store.count, graphs)) <= _MAX_HELD_RATIO * len(gone):
-            held = {triple_key(quad) for quad in remaining(store, gone, graphs)}
-            return held.__contains__
+    kept: Sequence[Container[TripleKey]],
+) -> list[TripleKey]:
+    """Return the triples that no graph that counts holds any longer when these quads are gone.
+
+    Parameters
+    ----------
+    kept
+        Triples that are not lost in any case.
+    """
     losers: dict[TripleKey, list[GraphName]] = {}
     for quad in gone:
-        losers.setdefault(triple_key(quad), []).append(quad.graph_name)
-
-    def holds(key: TripleKey) -> bool:
-        losing = losers[key]
-        return any(graph not in losing and counts(graph) for graph in holders.of(key))
-
-    return holds
+        key = triple_key(quad)
+        if not any(key in more for more in kept):
+            losers.setdefault(key, []).append(quad.graph_name)
+    if len(gone) >= _LARGE:
+        graphs = [graph for graph in store.named_graphs() if counts[graph]]
+        if sum(map(store.count, graphs)) <= _MAX_HELD_RATIO * len(gone):
+            held = {triple_key(quad) for quad in remaining(store, gone, graphs)}
+            return [key for key in losers if key not in held]
+    if len(losers) > 1:
+        holders.find(losers)
+    lost = []
+    for key, losing in losers.items():
+        for graph in holders.of(key):
+            if graph not in losing and counts[graph]:
+                break
+        else:
+            lost.append(key)
+    return lost
 
 
 def remaining(

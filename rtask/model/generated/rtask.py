@@ -2917,27 +2917,6 @@ class Direction(FramedMeasure):
     dir_z: One[float] = One(_RT + "dirZ", _XSD + "double", functional=True, unit="UNITLESS")
 
 
-class Exemplar(CorpuscularObject):
-    """One physical thing, such as the carton on this table, of which the product is rt:exemplarOf;
-    it has no objectId of its own.
-
-    ``rt:Exemplar``
-
-    Attributes
-    ----------
-    distinct_from
-        Turned out to be another thing than this one, which it might have been.
-    possibly_identical_to
-        May be this earlier thing, seen again: rt:confidence on the reifier is the chance.
-        rt:mergedInto or rt:distinctFrom settle it.
-    """
-
-    __iri__: ClassVar[str] = _RT + "Exemplar"
-
-    distinct_from: Links[Exemplar] = Links(_RT + "distinctFrom", _RT + "Exemplar")
-    possibly_identical_to: Links[Exemplar] = Links(_RT + "possiblyIdenticalTo", _RT + "Exemplar")
-
-
 class FPFHFeatureSet(DescriptorSet):
     """Fast point feature histograms, 33 numbers a point (Rusu et al. 2009).
 
@@ -3437,6 +3416,27 @@ class DrinkingVessel(ManipulableObject):
     """
 
     __iri__: ClassVar[str] = _RT + "DrinkingVessel"
+
+
+class Exemplar(ManipulableObject):
+    """One physical thing, such as the carton on this table, of which the product is rt:exemplarOf;
+    it has no objectId of its own.
+
+    ``rt:Exemplar``
+
+    Attributes
+    ----------
+    distinct_from
+        Turned out to be another thing than this one, which it might have been.
+    possibly_identical_to
+        May be this earlier thing, seen again: rt:confidence on the reifier is the chance.
+        rt:mergedInto or rt:distinctFrom settle it.
+    """
+
+    __iri__: ClassVar[str] = _RT + "Exemplar"
+
+    distinct_from: Links[Exemplar] = Links(_RT + "distinctFrom", _RT + "Exemplar")
+    possibly_identical_to: Links[Exemplar] = Links(_RT + "possiblyIdenticalTo", _RT + "Exemplar")
 
 
 class Grasp(Manipulation):

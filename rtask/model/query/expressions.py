@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 
 from rtask.errors import UsageError
 from rtask.model.instance import Model, Property
+from rtask.model.missing import subclasses_with
 from rtask.rdf.terms import Literal, NamedNode
 
 __all__ = [
@@ -94,6 +95,11 @@ class Path(Generic[T]):
         if step is None:
             near = difflib.get_close_matches(name, model.__fields__, 1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
+            if narrower := subclasses_with(model, name):
+                hint = (
+                    f", but {' and '.join(narrower)} has: add .prefetch({self!r}), and read it of "
+                    "the results"
+                )
             raise AttributeError(f"{model.__name__} has no field {name!r}{hint}")
         return Path(self._root, (*self._steps, step))
 

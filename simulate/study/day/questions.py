@@ -147,9 +147,9 @@ def _ask_how_long(asker: _Asker) -> _Judged:
         return None
     stayed = left - truth.since_s
     place = asker.last_place(name, time_s)
-    if place is None or place.arrived_after is None or place.until is None:
+    if place is None or place.arrived_after is None or place.left_before is None:
         return question, "", f"{stayed:.0f} s", "not known"
-    low, high = max(place.seen - place.since, 0.0), place.until - place.arrived_after
+    low, high = max(place.seen - place.since, 0.0), place.left_before - place.arrived_after
     if high - low > _GAP_S:
         return question, "", f"{stayed:.0f} s", "not known"
     return (question, f"{low:.0f} to {high:.0f} s", f"{stayed:.0f} s",

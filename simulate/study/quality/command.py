@@ -37,8 +37,15 @@ __all__ = ["grasp_quality"]
 @click.option("--alone", is_flag=True,
     help="Carry out the planned grasps only: promises and coverage, without a comparison.",
 )  # fmt: skip
+@click.option(
+    "--made",
+    default=0,
+    show_default=True,
+    type=click.IntRange(0, 1000),
+    help="Generated hands instead of the Panda's and the NAO's: fits what the factory promises.",
+)
 def grasp_quality(
-    objects: int, trials: int, seed: int, ycb: Path | None, ranked: int, alone: bool
+    objects: int, trials: int, seed: int, ycb: Path | None, ranked: int, alone: bool, made: int
 ) -> Study:
     """Compare planned grasps with a trivial sampler's: lifted and shaken under pose errors.
 
@@ -50,4 +57,4 @@ def grasp_quality(
     from simulate.study.quality.report import quality_study
 
     models = str(ycb.resolve()) if ycb else ""
-    return quality_study(objects, trials, seed, models, ranked=ranked, alone=alone)
+    return quality_study(objects, trials, seed, models, ranked=ranked, alone=alone, made=made)

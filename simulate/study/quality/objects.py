@@ -24,7 +24,7 @@ from rtask.errors import UsageError
 from simulate.robots.description import Floats
 from simulate.world.seeds import stream
 
-__all__ = ["FAMILIES", "GraspObject", "fits", "generated", "ycb_models"]
+__all__ = ["FAMILIES", "GraspObject", "fits", "generated", "heaviest", "ycb_models"]
 
 _AROUND = 16
 _SHAPE = 21
@@ -120,14 +120,14 @@ def generated(seed: int, number: int, gripper: ParallelGripper) -> GraspObject:
     scale = gripper.max_opening / _STROKE_M
     parts = [np.asarray(p, dtype=np.float64) * scale for p in _MAKERS[family](rng)]
     share = float(np.exp(rng.uniform(*np.log(_WEIGHT_SHARE))))
-    mass = share * _heaviest(gripper)
+    mass = share * heaviest(gripper)
     sides = Rotation.from_euler("xyz", rng.integers(0, 4, 3) * 90, degrees=True)
     yaw = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
     item = _centred(f"{family}-{number}", parts, mass)
     return item.turned((yaw * sides).as_matrix())
 
 
-def _heaviest(gripper: ParallelGripper) -> float:
+def heaviest(gripper: ParallelGripper) -> float:
     """Return the mass, kg, whose weight a hand's friction just holds."""
     return 2 * gripper.friction * gripper.max_force / 9.81
 
@@ -135,7 +135,7 @@ def _heaviest(gripper: ParallelGripper) -> float:
 def fits(item: GraspObject, gripper: ParallelGripper) -> bool:
     """Tell whether a hand may hold an object: narrow enough and at most half of what it bears."""
     narrowest = min(float(np.ptp(np.vstack(item.parts), axis=0)[k]) for k in range(3))
-    light = item.mass <= _WEIGHT_SHARE[1] * _heaviest(gripper)
+    light = item.mass <= _WEIGHT_SHARE[1] * heaviest(gripper)
     return light and narrowest < gripper.max_opening
 
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from features.recognition.metrics import expected_calibration_error
 from grasp.arrays import FloatArray
 from grasp.learning.calibration import ScoreMap, band_margin
-from grasp.spatial.gripper_files import gripper_named
 from grasp.spatial.scoring.holding import demanded_share
-from grasp.spatial.scoring.promises import FACTORY, Promises, chance_spread
+from grasp.spatial.scoring.promises import FactoryMap, Promises, chance_spread
 from simulate.study.intervals import mean_interval, share
+from simulate.study.quality.made_hands import studied_hand
 
 __all__ = ["coverage_of", "promise_figures", "scores_of"]
 
@@ -32,7 +32,7 @@ def scores_of(result: Mapping[str, Any], scores: Mapping[str, float]) -> dict[st
     """Return the scores of a grasp with the load that its object is for the hand, if known."""
     if "load" in scores or "mass" not in result:
         return dict(scores)
-    return {**scores, "load": demanded_share(gripper_named(result["hand"]), result["mass"])}
+    return {**scores, "load": demanded_share(studied_hand(result["hand"]), result["mass"])}
 
 
 def coverage_of(results: Results) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def promise_figures(results: Results, outcome: str, score: str) -> dict[str, Any
     ]
     if not picks:
         return {"n": 0}
-    before = Promises.by(gripper_named(picks[0][0]["hand"]))
+    before = Promises.by(studied_hand(picks[0][0]["hand"]))
     scores = [scores_of(result, pick["promised"]) for result, pick in picks]
     held = [np.array(pick[outcome], dtype=bool) for _, pick in picks]
     trials = np.array([len(row) for row in held])
@@ -93,7 +93,7 @@ def promise_figures(results: Results, outcome: str, score: str) -> dict[str, Any
         "former_widest_gap": _widest(_quarters(former, shares)),
         "less_former": mean_interval((chances - shares) ** 2 - (former - shares) ** 2),
         **_after_own_outcomes(before, scores, held, score),
-        **_covered(chances, shares, score),
+        **_covered(chances, shares, before.maps[score]),
     }
 
 
@@ -161,14 +161,13 @@ def _after_own_outcomes(
     }
 
 
-def _covered(chances: FloatArray, shares: FloatArray, score: str) -> dict[str, Any]:
+def _covered(chances: FloatArray, shares: FloatArray, factory: FactoryMap) -> dict[str, Any]:
     """Return of how many objects at least the promised share held, nine of ten being aimed at.
 
     By the factory's shortfall, with an interval; and by one from half of the objects over the other
     half: the mean over 200 draws, beside what it would be if no two objects were alike. That is
     above .9, as a shortfall is that of some object; the rest of the excess comes from ties.
     """
-    factory = FACTORY[score]
     least = np.array([factory.at_least(float(chance)) for chance in chances])
     hits = share(int((shares >= least - 1e-9).sum()), len(shares))
     coverage = {"covered": round(hits["share"], 4), "covered_95": hits["interval95"]}

@@ -10,6 +10,7 @@ import numpy as np
 
 from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import mean_interval
+from simulate.study.quality.promise_report import describe_fit
 from simulate.study.quality.promised import coverage_of, promise_figures
 from simulate.study.quality.ranks import OUTCOMES, rank_correlations
 from simulate.study.quality.trial import HANDS, RULES
@@ -28,15 +29,23 @@ def quality_study(
     preset: str = "fast",
     ranked: int = 0,
     alone: bool = False,
+    made: int = 0,
 ) -> Study:
     """Return the comparison: for each hand ``objects`` objects with ``trials`` draws each.
 
     Of every plan, ``ranked`` grasps from the best to the worst are carried out, too. With ``alone``
-    nothing is compared with it.
+    nothing is compared with it. With ``made`` so many generated hands take part instead of the
+    Panda's and the NAO's, nothing is compared, and what the factory promises is fitted.
     """
     settings: dict[str, Any] = {
         "seed": seed, "trials": trials, "ycb": ycb, "preset": preset, "ranked": ranked
     }  # fmt: skip
+    if made:
+        settings |= {"alone": True, "made": made, "ranked": 1}
+        return Study(
+            "promises of generated hands", "simulate.study.quality.trial:quality_trial", settings,
+            objects * made, describe_fit,
+        )  # fmt: skip
     if alone:  # so that folders of former runs can be gone on with
         settings["alone"] = True
     return Study(

@@ -18,9 +18,10 @@ from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.scoring.confidence import Load, score_grasps
 from grasp.spatial.scoring.select import rank_by_confidence
 from simulate.study.quality.bench import Bench, Draw, draws, laid_out
-from simulate.study.quality.objects import GraspObject, fits, generated, ycb_models
+from simulate.study.quality.made_hands import made_hand, studied_hand
+from simulate.study.quality.objects import GraspObject, fits, generated, heaviest, ycb_models
 from simulate.study.quality.sampler import sampled_grasp
-from simulate.world.seeds import mix_seed
+from simulate.world.seeds import mix_seed, stream
 
 __all__ = ["HANDS", "RULES", "quality_trial"]
 
@@ -31,14 +32,15 @@ RULES = ("planned", "confidence", "sampler")
 """First grasp of a plan; of the same planner ranked by s_G alone, without the central pairs; of the
 trivial sampler."""
 
-_PLAN = 41
+_PLAN, _LOAD = 41, 77
+_HEAVY_SHARE, _HEAVY = 1 / 3, (0.05, 0.9)
 
 
 def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """Carry out each rule's pick for one object; return the shares that held as JSON data."""
-    seed, hand = int(settings["seed"]), HANDS[number % len(HANDS)]
-    gripper, index = gripper_named(hand), number // len(HANDS)
-    item = _object_of_trial(settings, index, gripper)
+    seed = int(settings["seed"])
+    hand, item = _hand_and_object(settings, number)
+    gripper = studied_hand(hand)
     with laid_out(item, str(settings["preset"])) as bench:
         choice = mix_seed(seed, _PLAN, number)
         plan = plan_on_mesh(
@@ -57,8 +59,8 @@ def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
             outcomes[rule] = {**done, "promised": promised}
         ranked = [
             {**{k: round(float(candidate.scores[k]), 4) for k in ("lift", "carry", "load")},
-             **_tried(bench, candidate, gripper, trials)}
-            for candidate in _spread(plan, int(settings.get("ranked", 0)))
+             **_tried(bench, candidate, gripper, trials[:1] if settings.get("made") else trials)}
+            for candidate in _others(plan, settings, number)
         ]  # fmt: skip
     return {
         "hand": hand,
@@ -69,6 +71,31 @@ def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         "says": f"{hand} {item.name}: "
         + ", ".join(f"{rule} {sum(o['carried'])}" for rule, o in outcomes.items()),
     }
+
+
+def _hand_and_object(settings: Mapping[str, Any], number: int) -> tuple[str, GraspObject]:
+    """Return the name of the hand of a trial, and its object."""
+    made = int(settings.get("made", 0))
+    if not made:
+        hand = HANDS[number % len(HANDS)]
+        return hand, _object_of_trial(settings, number // len(HANDS), gripper_named(hand))
+    seed = int(settings["seed"])
+    gripper = made_hand(seed, number % made)
+    item = generated(seed, number, gripper)
+    share, _ = _load_of_trial(seed, number)
+    if share is not None:
+        item = replace(item, mass=share * heaviest(gripper))
+    return gripper.name, item
+
+
+def _load_of_trial(seed: int, number: int) -> tuple[float | None, np.random.Generator]:
+    """Return the weight over what friction bears of every third object, and what draws on.
+
+    It goes beyond what is common, so that the tail is in the fit.
+    """
+    rng = stream(seed, _LOAD, number)
+    is_heavy = rng.random() < _HEAVY_SHARE
+    return float(np.exp(rng.uniform(*np.log(_HEAVY)))) if is_heavy else None, rng
 
 
 def _object_of_trial(
@@ -98,6 +125,17 @@ def _tried(
         "held": [trial.held for trial in held],
         "carried": [bool(trial.carried) for trial in held],
     }
+
+
+def _others(plan: Proposals, settings: Mapping[str, Any], number: int) -> list[GraspCandidate]:
+    """Return further grasps of a plan: one below its first for a fit, else as many as asked."""
+    if not settings.get("made"):
+        return _spread(plan, int(settings.get("ranked", 0)))
+    ranked = list(plan)
+    if len(ranked) < 2:
+        return []
+    _, rng = _load_of_trial(int(settings["seed"]), number)
+    return [ranked[int(rng.integers(1, len(ranked)))]]
 
 
 def _spread(plan: Proposals, count: int) -> list[GraspCandidate]:

@@ -66,6 +66,11 @@ def later_queries() -> list[tuple[str, str]]:
     return _further("asking_later.rq", "later") + _further("asking_last.rq", "last")
 
 
+def lab_queries() -> list[tuple[str, str]]:
+    """Return queries as people of other laboratories may write them, frozen before their run."""
+    return _further("asking_lab.rq", "lab")
+
+
 def _further(file: str, stem: str) -> list[tuple[str, str]]:
     texts = (_HERE / file).read_text("utf-8").strip().split("\n\n")
     head = prologue(ontology.PREFIXES)
@@ -145,6 +150,7 @@ def main() -> None:
             ("written afterwards", fresh_queries(), given.show if given.unseen else ""),
             ("written blind", blind_queries(), given.show if given.unseen else ""),
             ("written last", later_queries(), given.show if given.unseen else ""),
+            ("of other laboratories", lab_queries(), given.show if given.unseen else ""),
         ):
             print(f"queries {name}")
             measure(Bench(kb), texts, given.seed, show)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -11,9 +12,9 @@ import pytest
 from features.codec import CloudFormatError, decode
 from features.codec.compressed_depth import decode_compressed_depth, decode_rvl
 from features.codec.image_header import image_size
-from features.codec.ros import pcd_from_point_cloud, pixels_of_image
+from features.codec.ros import image_bytes, pcd_from_point_cloud, pixels_of_image
 from features.imaging.photo import read_photo
-from features.imaging.pictures import depth_of_message
+from features.imaging.pictures import depth_of_message, implausible_cloud
 from features.imaging.selection import view_of_photo
 
 DEPTH_M = np.linspace(0.5, 1.5, 12, dtype=np.float32).reshape(3, 4)
@@ -144,7 +145,9 @@ def test_yuv_becomes_colours(encoding: str, luma: int) -> None:
     assert pixels_of_image(message).min() >= 253
 
 
-@pytest.mark.parametrize(("kind", "code", "scale"), [("f4", 7, 255), ("u1", 2, 1)])
+@pytest.mark.parametrize(
+    ("kind", "code", "scale"), [("f4", 7, 255), ("f4", 7, 1), ("u1", 2, 1), ("u4", 6, 1)]
+)
 def test_a_point_cloud_with_colours_in_three_fields_keeps_them(
     kind: str, code: int, scale: int
 ) -> None:
@@ -162,6 +165,64 @@ def test_a_point_cloud_with_colours_in_three_fields_keeps_them(
     message = {"height": 1, "width": 2, "fields": fields, "point_step": 24, "row_step": 48,
                "data": rows.tobytes()}  # fmt: skip
     assert decode(pcd_from_point_cloud(message)).colours.tolist() == [[255, 51, 0]] * 2
+
+
+@pytest.mark.parametrize(
+    ("names", "kind", "scale"),
+    [
+        ("red green blue", "float", 1), ("red green blue", "uchar", 255),
+        ("r g b", "float", 255), ("red green blue", "ushort", 65_535),
+        ("diffuse_red diffuse_green diffuse_blue", "int", 255),
+    ],
+)  # fmt: skip
+def test_colours_of_a_ply_are_read_in_whatever_scale(names: str, kind: str, scale: int) -> None:
+    properties = "".join(f"property {kind} {name}\n" for name in names.split())
+    head = "ply\nformat ascii 1.0\nelement vertex 1\n"
+    head += "".join(f"property float {axis}\n" for axis in "xyz")
+    row = " ".join(str(value if kind == "float" else int(value)) for value in (scale, scale / 5, 0))
+    cloud = decode(f"{head}{properties}end_header\n1 2 3 {row}\n".encode())
+    assert cloud.colours.tolist() == [[255, 51, 0]]
+
+
+@pytest.mark.parametrize(("kind", "row"), [("F", "1 .2 0"), ("U", "255 51 0")])
+def test_a_pcd_may_have_colours_in_three_fields(kind: str, row: str) -> None:
+    text = (
+        f"FIELDS x y z r g b\nSIZE 4 4 4 4 4 4\nTYPE F F F {kind} {kind} {kind}\nWIDTH 1\n"
+        f"DATA ASCII\n1 2 3 {row}\n"
+    )
+    assert decode(text.encode()).colours.tolist() == [[255, 51, 0]]
+
+
+def test_the_padding_of_the_point_cloud_library_is_passed_over() -> None:
+    head = (
+        "VERSION 0.7\nFIELDS x y z _ rgb _ normal\nSIZE 4 4 4 1 4 1 4\nTYPE F F F U U U F\n"
+        "COUNT 1 1 1 4 1 12 3\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA binary\n"
+    )
+    body = struct.pack("<3f4xI12x3f", 1, 2, 3, 0xFF3300, 0, 0, 1)
+    cloud = decode(head.encode() + body)
+    assert cloud.positions.tolist() == [[1, 2, 3]]
+    assert cloud.colours.tolist() == [[255, 51, 0]]
+
+
+def test_the_old_compressed_rgb_has_red_and_blue_exchanged() -> None:
+    # compressed_image_transport once gave RGB to an encoder of BGR, and said so in the format.
+    data = _png(np.full((4, 4, 3), (200, 60, 20), np.uint8))
+    for form, wanted in (
+        ("rgb8; png compressed rgb8", [200, 60, 20]), ("rgb8; png compressed bgr8", [20, 60, 200]),
+        ("png", [20, 60, 200]),
+    ):  # fmt: skip
+        read = read_photo(image_bytes({"format": form, "data": data}))
+        assert read.rgb[1, 1].tolist() == wanted
+
+
+@pytest.mark.parametrize(
+    ("encoding", "pixel"),
+    [("rgb16", (51_400, 15_420, 5_140)), ("bgra16", (5_140, 15_420, 51_400, 9))],
+)
+def test_colours_of_16_bits_become_8(encoding: str, pixel: tuple[int, ...]) -> None:
+    data = np.full((2, 2, len(pixel)), pixel, "<u2").tobytes()
+    message = {"height": 2, "width": 2, "encoding": encoding, "step": 0, "data": data}
+    assert pixels_of_image(message)[1, 1].tolist() == [200, 60, 20]
 
 
 PCD = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\n{}POINTS 1\nDATA ascii\n1 2 3\n"
@@ -223,7 +284,7 @@ def test_fill_bytes_of_a_jpeg_and_a_tail_of_a_png_are_no_damage() -> None:
     assert read_photo(_png(image) + b"a note").rgb.shape == (8, 8, 3)
 
 
-@pytest.mark.parametrize("suffix", [".png", ".webp"])
+@pytest.mark.parametrize("suffix", [".png", ".webp", ".tiff", ".bmp"])
 def test_transparent_pixels_are_no_part_of_the_object(suffix: str) -> None:
     image = np.random.default_rng(1).integers(0, 255, (60, 80, 4)).astype(np.uint8)
     image[..., 3] = 0
@@ -235,3 +296,44 @@ def test_transparent_pixels_are_no_part_of_the_object(suffix: str) -> None:
     assert not photo.rgb[~photo.opaque].any()
     _, labels = view_of_photo(photo)
     assert np.array_equal(labels > 0, photo.opaque)
+
+
+def test_a_cut_out_picture_is_turned_upright_with_its_mask() -> None:
+    image = np.zeros((40, 60, 4), np.uint8)
+    image[5:12, 20:50] = (10, 20, 200, 255)
+    exif = b"MM\0*\0\0\0\x08" + struct.pack(">HHHIHHI", 1, 0x112, 3, 1, 6, 0, 0)
+    kinds, parts = [cv2.IMAGE_METADATA_EXIF], [np.frombuffer(exif, np.uint8)]
+    data = cv2.imencodeWithMetadata(".png", image, kinds, parts)[1].tobytes()
+    photo = read_photo(data)
+    # Orientation 6: to be turned by a quarter to the right.
+    assert photo.opaque is not None
+    assert np.array_equal(photo.opaque, np.rot90(image[..., 3] > 0, 3))
+    assert photo.full_size == (40, 60)
+    assert photo.rgb[photo.opaque][0].tolist() == [200, 20, 10]
+
+
+def test_a_grey_that_a_png_declares_transparent_is_cut_away() -> None:
+    grey = np.full((9, 9), 90, np.uint8)
+    grey[2:5, 2:5] = 7
+    data = _png(grey)
+    chunk = b"tRNS" + struct.pack(">H", 7)
+    chunk = struct.pack(">I", 2) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    at = data.index(b"IDAT") - 4
+    photo = read_photo(data[:at] + chunk + data[at:])
+    assert photo.opaque is not None
+    assert np.array_equal(~photo.opaque, grey == 7)
+
+
+def test_pictures_that_show_nothing_are_refused() -> None:
+    with pytest.raises(CloudFormatError, match="every pixel"):
+        read_photo(_png(np.zeros((4, 4, 4), np.uint8)))
+    for suffix in (".png", ".tiff"):
+        deep = cv2.imencode(suffix, np.full((4, 4), 900, np.uint16))[1].tobytes()
+        with pytest.raises(CloudFormatError, match="depth or infrared"):
+            read_photo(deep)
+
+
+def test_a_cloud_in_millimetres_is_doubted() -> None:
+    cloud = np.random.default_rng(2).uniform(-0.5, 0.5, (200, 3)).astype(np.float32)
+    assert not implausible_cloud(cloud + np.float32(40))  # far off in a map, yet together
+    assert "another unit" in implausible_cloud(cloud * 1000)

@@ -248,3 +248,138 @@ def test_a_recording_without_depth_gives_its_photographs(tmp_path: Path) -> None
     view, warnings = seen(drive, tmp_path)
     assert isinstance(view, Photo)
     assert not warnings
+
+
+def frames(drive: Drive, topic: str, frame_id: str) -> None:
+    """Give the messages of a topic another frame."""
+    types = drive.store.types
+    for name, message, _ in drive.messages:
+        if name == topic:
+            message.header = types["std_msgs/msg/Header"](message.header.stamp, frame_id)
+
+
+def static_transform(drive: Drive, parent: str, child: str, x_m: float) -> None:
+    types = drive.store.types
+    place = types["geometry_msgs/msg/Vector3"](x_m, 0.0, 0.0)
+    turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    transform = types["geometry_msgs/msg/Transform"](place, turn)
+    stamp = types["builtin_interfaces/msg/Time"](1, 0)
+    header = types["std_msgs/msg/Header"](stamp, parent)
+    stamped = types["geometry_msgs/msg/TransformStamped"](header, child, transform)
+    drive.messages.append(("/tf_static", types["tf2_msgs/msg/TFMessage"]([stamped]), 1))
+
+
+def test_colour_of_another_camera_is_never_laid_over_depth(tmp_path: Path) -> None:
+    drive = Drive()
+    good_topics(drive)
+    # Nearer in time than the depth's own colour.
+    other = np.full((HEIGHT, WIDTH, 3), 250, "u1")
+    drive.image("/wrist/color/image_raw", 1006, "rgb8", other)
+    frames(drive, "/wrist/color/image_raw", "wrist")
+    view, warnings = seen(drive, tmp_path)
+    assert view.rgb[20, 20].tolist() == [80, 80, 80]
+    assert ["another camera" in one for one in warnings] == [True]
+
+
+def two_places(tmp_path: Path, *, is_told: bool) -> tuple[Any, list[str]]:
+    """Return a view whose colour, with a red column, was taken 7 cm to the right of depth."""
+    drive = Drive()
+    drive.camera("/camera/depth/camera_info")
+    drive.camera("/camera/color/camera_info")
+    drive.image("/camera/depth/image_raw", 1005, "16UC1", depth_mm())
+    picture = np.zeros((HEIGHT, WIDTH, 3), "u1")
+    picture[:, 24:27] = (200, 0, 0)
+    drive.image("/camera/color/image_raw", 1006, "rgb8", picture)
+    frames(drive, "/camera/color/image_raw", "colour_optical")
+    if is_told:
+        static_transform(drive, "optical", "colour_optical", 0.07)
+    return seen(drive, tmp_path)
+
+
+def test_static_transforms_lay_colour_over_depth(tmp_path: Path) -> None:
+    view, warnings = two_places(tmp_path, is_told=True)
+    # 60 px of focal length times 7 cm over 70 cm are 6 px.
+    assert view.rgb[20, 31].tolist() == [200, 0, 0]
+    assert view.rgb[20, 25].tolist() == [0, 0, 0]
+    assert not warnings
+
+
+def test_colour_whose_place_nobody_tells_is_said_to_be_taken_for_registered(tmp_path: Path) -> None:
+    view, warnings = two_places(tmp_path, is_told=False)
+    assert view.rgb[20, 25].tolist() == [200, 0, 0]
+    assert ["taken for seen from one place" in one for one in warnings] == [True]
+
+
+def test_depth_laid_over_colour_is_preferred_to_that_of_the_sensor(tmp_path: Path) -> None:
+    drive = Drive()
+    drive.camera("/camera/depth/camera_info")
+    drive.image("/camera/depth/image_rect_raw", 1005, "16UC1", depth_mm(710))
+    # It lies in the picture of colour, whose description is the only one.
+    drive.camera("/camera/color/camera_info", k=[90.0, 0, 31.5, 0, 90, 23.5, 0, 0, 1])
+    drive.image("/camera/aligned_depth_to_color/image_raw", 1007, "16UC1", depth_mm(700))
+    drive.image("/camera/color/image_raw", 1010, "rgb8", np.full((HEIGHT, WIDTH, 3), 80, "u1"))
+    view, warnings = seen(drive, tmp_path)
+    assert view.depth_m[20, 20] == pytest.approx(0.7)
+    assert view.intrinsics.fx == 90.0
+    assert view.rgb[20, 20].tolist() == [80, 80, 80]
+    assert not warnings
+
+
+@pytest.mark.parametrize(
+    ("topic", "encoding"),
+    [("/camera/confidence/image_rect_raw", "mono8"), ("/camera/disparity", "32FC1")],
+)
+def test_confidence_and_disparity_are_neither_depth_nor_colour(
+    tmp_path: Path, topic: str, encoding: str
+) -> None:
+    drive = Drive()
+    pixels = np.full((HEIGHT, WIDTH), 3, "<f4" if encoding == "32FC1" else "u1")
+    drive.image(topic, 1006, encoding, pixels)
+    good_topics(drive)
+    view, warnings = seen(drive, tmp_path)
+    assert view.rgb[20, 20].tolist() == [80, 80, 80]
+    assert any("neither depth nor colour" in one for one in warnings)
+    alone = Drive()
+    alone.camera("/camera/camera_info")
+    alone.image(topic, 1006, encoding, pixels)
+    with pytest.raises(CloudFormatError, match="neither depth nor colour"):
+        seen(alone, tmp_path / "alone")
+
+
+def test_a_picture_of_eight_bits_on_a_topic_of_depth_is_no_colour(tmp_path: Path) -> None:
+    drive = Drive()
+    drawn = cv2.imencode(".jpg", np.full((HEIGHT, WIDTH, 3), 9, "u1"))[1].tobytes()
+    drive.compressed("/camera/depth/image_raw/compressed", 1003, "jpeg", drawn)
+    good_topics(drive)
+    view, warnings = seen(drive, tmp_path)
+    assert view.rgb[20, 20].tolist() == [80, 80, 80]
+    assert ["drawing of depth" in one for one in warnings] == [True]
+
+
+def test_depth_whose_topic_does_not_say_so_is_said_to_be_taken_for_it(tmp_path: Path) -> None:
+    drive = Drive()
+    drive.camera("/flir/camera_info")
+    drive.image("/flir/image_raw", 1006, "16UC1", depth_mm(3000))
+    _, warnings = seen(drive, tmp_path)
+    assert ["taken for depth" in one for one in warnings] == [True]
+
+
+@pytest.mark.parametrize(
+    ("bins", "region", "fx", "cx"),
+    [(2, (0, 0, 0, 0), 60.0, 31.5), (0, (10, 20, HEIGHT, WIDTH), 120.0, 53.5)],
+    ids=["binned", "cut out"],
+)
+def test_an_image_of_a_part_of_the_sensor_has_the_camera_of_that_part(
+    tmp_path: Path, bins: int, region: tuple[int, int, int, int], fx: float, cx: float
+) -> None:
+    drive = Drive()
+    drive.camera("/camera/depth/camera_info", k=[120.0, 0, 63.5, 0, 120, 47.5, 0, 0, 1])
+    info = drive.messages[-1][1]
+    info.width, info.height = 2 * WIDTH, 2 * HEIGHT
+    info.binning_x = info.binning_y = bins
+    left, top, down, across = region
+    make = drive.store.types["sensor_msgs/msg/RegionOfInterest"]
+    info.roi = make(left, top, down, across, bool(down))
+    drive.image("/camera/depth/image_raw", 1005, "16UC1", depth_mm())
+    view, _ = seen(drive, tmp_path)
+    assert (view.intrinsics.fx, view.intrinsics.cx) == (fx, cx)

@@ -88,3 +88,14 @@ def test_a_band_from_too_few_objects_is_refused() -> None:
     assert band_margin(np.full(9, 0.5), np.linspace(0.1, 0.9, 9)) == pytest.approx(0.4)
     with pytest.raises(ValueError, match="8 objects are too few"):
         band_margin(np.full(8, 0.5), np.full(8, 0.5))
+
+
+def test_an_outcome_of_weight_two_counts_as_two_and_one_of_weight_nothing_not_at_all():
+    told = _outcomes(40, -0.5, 1.2)
+    twice = fit_map([*told, *told])
+    weighed = fit_map([*told, (0.9, False)], weights=[2.0] * len(told) + [0.0])
+    assert weighed.offset == pytest.approx(twice.offset, abs=1e-9)
+    assert weighed.slope == pytest.approx(twice.slope, abs=1e-9)
+    assert weighed.variances == pytest.approx(twice.variances, abs=1e-9)
+    with pytest.raises(ValueError, match="zip"):
+        fit_map(told, weights=[1.0])

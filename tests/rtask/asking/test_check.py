@@ -78,6 +78,16 @@ def test_the_questions_of_the_ontology_raise_no_alarm(kb: KnowledgeBase) -> None
          "SELECT ?o { ?o a rt:Observation ; sosa:madeBySensor ?s }"),
         ("SELECT ?width { ?o a rt:ManipulableObject ; rt:positionSigma ?width }", "unusual-name",
          "likely", "SELECT ?width { ?o a rt:ManipulableObject ; rt:graspWidth ?width }"),
+        ("SELECT ?when { ?step rt:reward ?gain ; rt:nextState ?when }", "unusual-name",
+         "likely", None),
+        ("SELECT ?parent ?child { ?child ^rt:parentFrame ?parent }", "reversed", "likely",
+         "SELECT ?parent ?child { ?child rt:parentFrame ?parent }"),
+        ("SELECT ?robot { ?task a rt:PickAndPlace ; rt:positionSigma ?robot }", "unusual-name",
+         "likely", "SELECT ?robot { ?task a rt:PickAndPlace ; rt:assignedTo ?robot }"),
+        ("SELECT ?try { ?try rt:unit ?hand ; rt:performedBy ?user }", "wrong-type", "likely", None),
+        ("SELECT ?u { <urn:lab/object/7> rt:precondition ?u }", "wrong-type", "likely", None),
+        ("SELECT ?object { ?object rt:canGrasp ?robot ; rt:hasGrasp ?grasp }", "reversed",
+         "likely", "SELECT ?object { ?object ^rt:canGrasp ?robot ; rt:hasGrasp ?grasp }"),
         ("SELECT ?capability { ?robot rt:segmentationTime ?capability }", "unusual-name", "likely",
          None),
     ],
@@ -123,6 +133,12 @@ def test_an_inherited_domain_and_an_open_vocabulary_are_no_faults(kb: KnowledgeB
         "SELECT ?held { ?record rt:statisticsOf ?grasp ; rt:successes ?held }",
         "SELECT ?next { ?experience rt:inState ?state ; rt:nextState ?next }",
         "SELECT ?plan { ?plan rt:goalText ?goal }",
+        "SELECT ?where { ?copy a rt:Exemplar ; rt:exemplarOf ?product ; rt:locatedOn ?where }",
+        "SELECT ?u { ?property rt:unit ?u ; rdfs:label ?label }",
+        "SELECT ?bar { ?refusal rt:requiredConfidence ?bar }",
+        "SELECT ?root { ?f rt:parentFrame ?root FILTER NOT EXISTS { ?root rt:parentFrame ?up } }",
+        "SELECT ?link ?offset { ?frame rt:parentFrame ?link . ?link rt:poseInParent ?offset . "
+        "?offset rt:x ?x }",
         "SELECT ?o { ?refusal rt:refusedObject ?refused ; rt:refusedWith ?hand . ?refused a ?o }",
         "SELECT ?n { ?task rt:taskName ?n ; rt:precedes ?task2 . ?task2 a rt:Task ; rt:note ?m }",
     ],
@@ -184,6 +200,14 @@ def test_a_check_follows_the_commits() -> None:
         assert [found.rule for found in kb.check(query)] == ["unknown-term"]
         kb.update("INSERT DATA { <urn:t/1> a <urn:t/class/kettle> }")
         assert kb.check(query) == []
+
+
+def test_a_group_that_was_sound_is_looked_at_again_after_a_commit() -> None:
+    asked = HEAD + "SELECT ?tool { ?try rt:note ?tool ; rt:performedBy ?user }"
+    with rtask.open(":memory:", base="urn:lab/") as graph:
+        assert graph.check(asked) == graph.check(asked) == []
+        graph.update(HEAD + 'INSERT DATA { rt:Mug rt:note "round" }')
+        assert [found.rule for found in graph.check(asked)] == ["wrong-type"]
 
 
 def test_a_text_that_does_not_parse_is_an_error_with_its_place(kb: KnowledgeBase) -> None:

@@ -368,3 +368,21 @@ def test_samples_that_are_no_archive_are_named(tmp_path: Path) -> None:
         str(done.exception) == f"{path}: no file of grasp samples or models: it is no .npz archive"
     )
     assert not (tmp_path / "model.npz").exists()
+
+
+def test_own_outcomes_move_what_is_promised_of_a_mesh_and_of_nothing_else(tmp_path: Path) -> None:
+    mesh = _box(tmp_path / "box.obj", (0.04, 0.12, 0.08))
+    asked = [str(mesh), "--samples", "20", "--mass", "0.3", "--limit", "1", "--json"]
+    (before,) = json.loads(_run(*asked).stdout)["grasps"]
+    own = tmp_path / "own.jsonl"
+    own.write_text(json.dumps({**before, "lifted": False, "carried": False}) + "\n")
+    own.write_text(own.read_text() * 30)
+    (after,) = json.loads(_run(*asked, "--outcomes", str(own)).stdout)["grasps"]
+    for name in ("lift_chance", "lift_at_least", "carry_chance", "carry_at_least"):
+        assert after[name] < before[name] - 0.1
+    assert after["carry"] == before["carry"]  # the order of grasps stays
+    np.save(tmp_path / "cloud.npy", np.random.default_rng(0).random((50, 3)))
+    refused = _run(str(tmp_path / "cloud.npy"), "--outcomes", str(own))
+    assert "--outcomes is about meshes" in str(refused.exception)
+    refused = _run(str(mesh), "--gripper", "suction:0.015", "--outcomes", str(own))
+    assert "--outcomes is about jaws" in str(refused.exception)

@@ -356,3 +356,25 @@ def test_hostile_text_stays_text(still_lab: KnowledgeBase, text: str) -> None:
         for condition in (name == text, name.contains(text), name.in_([text])):
             found = s.query(RTASK.ManipulableObject).where(condition).all()
             assert all(text in "".join(thing.name) for thing in found)
+
+
+def test_a_field_of_an_object_that_was_not_read_names_the_path_to_prefetch(
+    still_lab: KnowledgeBase,
+) -> None:
+    grasps = RTASK.GraspConfiguration
+    with still_lab.session() as s:
+        first = s.query(grasps).all()[0]
+        with pytest.raises(AttributeError) as unread:
+            first.grasp_pose.x  # type: ignore[union-attr]  # noqa: B018
+        assert "FramedMeasure has no field 'x', but " in str(unread.value)
+        assert "add .prefetch(GraspConfiguration.grasp_pose) to it" in str(unread.value)
+        assert not hasattr(first.grasp_pose, "x")
+        with pytest.raises(AttributeError, match="has no field 'qualty'; did you mean"):
+            first.qualty  # type: ignore[attr-defined]  # noqa: B018
+        with pytest.raises(LazyLoadError, match=r"add \.prefetch\(GraspConfiguration\.tried_in\)"):
+            len(first.tried_in)
+    with still_lab.session() as s:
+        read = s.query(grasps).prefetch(grasps.grasp_pose).all()[0]
+        assert isinstance(read.grasp_pose.x, float)  # type: ignore[union-attr]
+    with pytest.raises(AttributeError, match=r"add \.prefetch\(GraspConfiguration\.grasp_pose\)"):
+        grasps.grasp_pose.x  # type: ignore[attr-defined]  # noqa: B018

@@ -62,6 +62,21 @@ def test_what_is_near_with_its_distance_in_any_frame_of_the_tree(ask, things):
     assert {row["a"] for row in ask(f"?a rtf:near <{BASE}robot/nao-2>", 10)} == {far}
 
 
+def test_a_thing_that_turned_out_to_be_another_one_was_near_under_the_name_that_stays(
+    lab, ask, things
+):
+    cup, box, *_ = things
+    lab.see(lab.box, 0.5, 0.0, 70, frame=lab.table)
+    moved = lab.see(lab.box, 0.3, 0.2, 3670, frame=lab.table)
+    assert moved != box, "it is not known yet which box this is"
+    lab.lose(box, 3700)
+    assert lab.kb.world.is_merged(moved)
+    rows = ask(f"<{cup}> rtf:near ?b ; rtf:within 0.25 ; rtf:distance ?d", 3680)
+    assert [(row["b"], row["d"]) for row in rows] == [(box, pytest.approx(0.2))]
+    (row,) = ask(f"<{cup}> rtf:near <{moved}> ; rtf:within 0.25", 3680)
+    assert row == {}, "the name of before stands for the same thing"
+
+
 def test_what_is_above_and_what_can_be_joined_to_the_rest_of_a_query(lab, ask, things):
     _, box, high, _ = things
     assert [(row["a"], row["b"]) for row in ask("?a rtf:above ?b", 10)] == [(high, box)]

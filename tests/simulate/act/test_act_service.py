@@ -13,7 +13,7 @@ from rtask.errors import RobotError, UsageError
 from rtask.wire.ros import ros_types
 from simulate.act.request import ActMessage, ActRequest
 from simulate.act.service import ActService, theta_offsets
-from simulate.act.trials import place_test, random_goal, reach_test, write_csv
+from simulate.act.trials import csv_log, place_test, random_goal, reach_test
 from simulate.act.workspace import map_workspace
 from simulate.commands import simulate
 from simulate.grasping.executor import Workcell
@@ -202,14 +202,20 @@ def test_random_goals_depend_on_seed_and_number_only(service):
 
 @pytest.mark.slow
 def test_the_test_interface_reaches_and_places(service, tmp_path):
-    heard = []
-    reached = reach_test(service, 3, seed=1, on_trial=heard.append)
+    heard, path = [], tmp_path / "reach.csv"
+
+    def hear(trial):
+        write(trial)
+        heard.append(trial)
+        assert len(path.read_text().splitlines()) == 1 + len(heard)  # nothing waits for the end
+
+    with csv_log(path) as write:
+        reached = reach_test(service, 3, seed=1, on_trial=hear)
     placed = place_test(service, 2, seed=1)
     assert heard == reached
     assert [t.reached for t in reached + placed] == [True] * 5
     assert all(t.error_m < 0.01 for t in reached + placed)
-    write_csv(reached, tmp_path / "reach.csv")
-    lines = (tmp_path / "reach.csv").read_text().splitlines()
+    lines = path.read_text().splitlines()
     assert lines[0].startswith("number,x,y,z,theta,reached,reason")
     assert len(lines) == 4
 

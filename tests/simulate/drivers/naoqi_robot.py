@@ -30,9 +30,14 @@ class ALMotion:
         self.in_hand = 0.0
         self.blocked = ""
         self.hurry = 20.0
-        self.killed = False
+        self.tasks: dict[int, bool] = {}
+        """Whether each running task was killed, by its number."""
+        self.newest = 0
+        self.drifting: dict[str, float] = {}
 
     def getAngles(self, names: list[str], use_sensors: bool) -> list[float]:
+        for name, rate in self.drifting.items():
+            self.angles[name] += rate * 0.1
         return [self.angles[name] for name in names]
 
     def setStiffnesses(self, names: list[str], value: float) -> None:
@@ -50,10 +55,18 @@ class ALMotion:
             if self.stiff[name] == 0.0:
                 raise ValueError(f"angleInterpolation: {name} is not stiff")
         self.calls.append(f"move {names[0]} {len(names)} {len(angles[0])}")
-        self.killed = False
+        self.newest += 1
+        task = self.newest
+        self.tasks[task] = False
+        try:
+            self._interpolate(task, names, angles, times)
+        finally:
+            del self.tasks[task]
+
+    def _interpolate(self, task: int, names: list[str], angles: Any, times: Any) -> None:
         ends = time.monotonic() + max(moments[-1] for moments in times) / self.hurry
         while time.monotonic() < ends:
-            if self.killed:
+            if self.tasks[task]:
                 return
             time.sleep(0.002)
         for name, rows in zip(names, angles, strict=True):
@@ -62,9 +75,18 @@ class ALMotion:
             if name.endswith("Hand"):
                 self.angles[name] = max(float(rows[-1]), self.in_hand)
 
+    def getTaskList(self) -> list[Any]:
+        return [["angleInterpolation", task] for task in self.tasks]
+
+    def killTask(self, task: int) -> bool:
+        self.calls.append(f"killed {task}")
+        if task in self.tasks:
+            self.tasks[task] = True
+        return task in self.tasks
+
     def killTasksUsingResources(self, names: list[str]) -> None:
-        self.calls.append("killed")
-        self.killed = True
+        self.calls.append("killed all")
+        self.tasks = dict.fromkeys(self.tasks, True)
 
     # Of the stand-in only.
 
@@ -73,6 +95,9 @@ class ALMotion:
 
     def arrange(self, in_hand: float, blocked: str, hurry: float) -> None:
         self.in_hand, self.blocked, self.hurry = in_hand, blocked, hurry
+
+    def drift(self, name: str, rate: float) -> None:
+        self.drifting = {name: rate} if rate else {}
 
     def told(self) -> list[str]:
         return self.calls
@@ -92,9 +117,17 @@ class ALAutonomousLife:
 
 
 class ALMemory:
-    """The current of a hand."""
+    """The current of a hand, and the time of the sensors."""
+
+    def __init__(self) -> None:
+        self.frozen = False
+
+    def freeze(self, frozen: bool) -> None:
+        self.frozen = frozen
 
     def getData(self, key: str) -> float:
+        if key == "DCM/Time":
+            return 0.0 if self.frozen else round(time.monotonic() * 1000)
         if not key.endswith("Hand/ElectricCurrent/Sensor/Value"):
             raise ValueError(f"no data {key}")
         return 0.12

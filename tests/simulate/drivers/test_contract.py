@@ -12,9 +12,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import serve
 
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.drivers.contract import JointLimits, check_ending
+from simulate.drivers.contract import JointLimits, check_ending, settled_joints
 from simulate.drivers.rosbridge import RosbridgeArm
-from simulate.motion.trajectory import time_path
+from simulate.motion.trajectory import join, reverse, time_path
 
 JOINTS = ("shoulder", "elbow")
 LIMITS = JointLimits(np.array([-3.0, -3.0]), np.array([3.0, 3.0]))
@@ -26,7 +26,8 @@ class HostileBridge:
     """A stand-in for rosbridge before an arm of two joints; ``state`` and ``end`` say how it lies.
 
     It speaks the protocol of rosbridge 2.x: ``subscribe``, ``publish``, ``send_action_goal``,
-    ``action_result`` with ``result: true`` for every ended goal, and ``cancel_action_goal``.
+    ``action_result`` with ``result: true`` for every ended goal, and ``cancel_action_goal``; with
+    ``ros`` 1 that of the bridge of ROS 1, which has no actions, but actionlib's topics.
     """
 
     def __init__(self):
@@ -39,6 +40,9 @@ class HostileBridge:
     def reset(self):
         self.state, self.end, self.at = "good", {"status": 4}, np.array(START)
         self.goals, self.cancelled, self.stopped = [], [], threading.Event()
+        self.ros, self.sessions, self.ticks = 2, 0, 0
+        self.__dict__.pop("base", None)
+        self.__dict__.pop("first_stamp", None)
 
     def close(self):
         self.server.shutdown()
@@ -46,45 +50,80 @@ class HostileBridge:
 
     def session(self, socket):
         publishes = False
+        self.sessions += 1
         try:
             while True:
                 try:
                     message = json.loads(socket.recv(timeout=0.01))
                 except TimeoutError:
                     message = {}
-                publishes = message.get("op", "") != "unsubscribe" and (
-                    publishes or message.get("op") == "subscribe"
-                )
-                if publishes:
-                    state = self.joint_state()
-                    socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": state}))
-                if message.get("op") == "cancel_action_goal":
-                    self.cancelled.append(message["id"])
+                op, topic = message.get("op", ""), message.get("topic", "")
+                if op in ("subscribe", "unsubscribe") and topic == TOPIC:
+                    publishes = op == "subscribe"
+                for _ in range(10 if "a second" in self.state else 1):
+                    if publishes and self.state != "none":
+                        state = self.joint_state()
+                        socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": state}))
+                cancel, goal = self.understood(message)
+                if cancel is not None:
+                    self.cancelled.append(cancel)
                     self.stopped.set()
-                if message.get("op") == "send_action_goal" and self.take(socket, message):
+                if goal is not None and self.take(socket, *goal):
                     return
         except ConnectionClosed:
             return
 
-    def take(self, socket, message):
+    def understood(self, message):
+        """Return the id of a goal to cancel, and the id and the points of a new one."""
+        op, topic, about = message.get("op"), message.get("topic"), message.get("msg")
+        if self.ros == 2:
+            args = message.get("args")
+            cancel = message["id"] if op == "cancel_action_goal" else None
+            new = op == "send_action_goal" and (message["id"], args["trajectory"]["points"])
+            return cancel, new or None
+        assert op not in ("send_action_goal", "cancel_action_goal")
+        if op == "publish" and topic == f"{ACTION}/cancel":
+            assert about["stamp"] == {"secs": 0, "nsecs": 0}
+            return about["id"], None
+        if op == "publish" and topic == f"{ACTION}/goal":
+            return None, (about["goal_id"]["id"], about["goal"]["trajectory"]["points"])
+        return None, None
+
+    def take(self, socket, goal, points):
         """Carry out a goal at once; return whether the link is lost over it."""
-        self.goals.append(message["id"])
+        self.goals.append(goal)
         if self.end == "lost":
             return True
         if self.end == "silent":
             return False
+        if self.end == "states stop":
+            self.state = "none"
+            return False
         if "stays" not in self.end:
-            self.at = np.array(message["args"]["trajectory"]["points"][-1]["positions"])
-        about = {"op": "action_result", "id": message["id"], "action": message["action"]}
-        values = {"error_code": 0, "error_string": ""}
-        status = {"status": self.end["status"]} if "status" in self.end else {}
-        socket.send(json.dumps({**about, "values": values, "result": True, **status}))
+            self.at = np.array(points[-1]["positions"]) - self.end.get("freezes", 0.0)
+        for at in self.end.get("passes", []):
+            state = {**self.joint_state(), "position": at}
+            socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": state}))
+            time.sleep(0.002)  # a later stamp
+        socket.send(json.dumps(self.result(self.end.get("of", goal))))
         return False
+
+    def result(self, goal):
+        values = {"error_code": 0, "error_string": ""}
+        if self.ros == 1:
+            status = {"goal_id": {"id": goal}, "status": self.end.get("status"), "text": "so it is"}
+            topic = {"op": "publish", "topic": f"{ACTION}/result"}
+            return {**topic, "msg": {"status": status, "result": values}}
+        status = {"status": self.end["status"]} if "status" in self.end else {}
+        about = {"op": "action_result", "id": goal, "action": ACTION, "values": values}
+        return {**about, "result": self.end.get("result", True), **status}
 
     def joint_state(self):
         seconds, nanoseconds = divmod(time.time_ns() - 3_600_000_000_000 * (self.state == "old"),
                                       1_000_000_000)  # fmt: skip
         names, at = list(JOINTS), self.at.tolist()
+        if self.state == "a text for a list":
+            at = "0.9 0.3"
         stamp = {"sec": seconds, "nanosec": nanoseconds}
         velocity = [0.0, 1.5] if self.state == "moving" else [0.0, 0.0]
         match self.state:
@@ -96,6 +135,26 @@ class HostileBridge:
                 stamp = self.__dict__.setdefault("first_stamp", stamp)
             case "NaN":
                 at[1] = None  # as rosbridge writes what JSON has no number for
+            case "a text for a number":
+                at[1] = "0.3"
+            case "a huge number":
+                at[1] = 10**400
+            case "no names":
+                names = [names[0], {}]
+            case "a text for a time":
+                stamp = {"sec": "now", "nanosec": None}
+            case "no header":
+                return {"name": names, "position": at}
+            case "twice the same joint":
+                names = [names[0]] * 2
+            case "a thousand times a second, moving":
+                # Within a millisecond an arm at 1.5 rad/s moves less than an encoder's noise.
+                base, self.ticks = self.__dict__.setdefault("base", time.time_ns()), self.ticks + 1
+                now = base + self.ticks * 10**6
+                stamp = {"sec": now // 10**9, "nanosec": now % 10**9}
+                at, velocity = (self.at + 0.0015 * self.ticks).tolist(), []
+            case "velocities unknown":
+                velocity = [None, None]
             case "degrees":
                 at = np.rad2deg(self.at).tolist()
             case "outside":
@@ -119,8 +178,7 @@ def bridge_process():
 
 
 @pytest.fixture
-def bridge(bridge_process, monkeypatch):
-    monkeypatch.setattr("simulate.drivers.rosbridge._STATE_S", 0.25)
+def bridge(bridge_process):
     bridge_process.reset()
     return bridge_process
 
@@ -148,7 +206,7 @@ def test_an_arm_at_rest_that_arrives_has_succeeded_and_the_risk_was_said_before(
     [
         ("old", r"3600\.\d s old; restart the driver .* clocks"),
         ("ahead", r"ahead of this machine"),
-        ("frozen", "its time stands still"),
+        ("frozen", "time stands still"),
         ("without time", r"carry no time.*have the driver fill header\.stamp"),
         ("moving", "elbow is moving; stop what moves the arm"),
         ("unannounced motion", "(shoulder|elbow) is moving"),
@@ -158,9 +216,20 @@ def test_an_arm_at_rest_that_arrives_has_succeeded_and_the_risk_was_said_before(
         ("in another order", "another order of the joints: check that the driver's names"),
         ("incomplete", "the joint states lack elbow; start the broadcaster"),
         ("uneven", "names 2 joints and has 1 positions"),
+        ("a text for a number", "elbow is not a finite number"),
+        ("a huge number", "elbow is not a finite number"),
+        ("a text for a list", "position of a joint state is no list"),
+        ("no names", "names that are no texts"),
+        ("a text for a time", "carry no time"),
+        ("no header", "carry no time"),
+        ("twice the same joint", "names 1 joints and has 2 positions"),
+        ("a thousand times a second, moving", "(shoulder|elbow) is moving"),
     ],
 )
-def test_a_state_that_cannot_be_trusted_starts_nothing_and_says_why(bridge, state, complaint):
+def test_a_state_that_cannot_be_trusted_starts_nothing_and_says_why(
+    bridge, monkeypatch, state, complaint
+):
+    monkeypatch.setattr("simulate.drivers.rosbridge._STATE_S", 0.5)
     bridge.state = state
     with arm_of(bridge) as arm, pytest.raises(RobotError, match=complaint):
         arm.follow(way())
@@ -177,19 +246,22 @@ def test_a_state_that_cannot_be_trusted_starts_nothing_and_says_why(bridge, stat
         (2, {"status": "4"}, "unknown"),
         (2, {}, "unknown"),
         (2, {"status": 4, "stays": True}, "elbow ended 0.20 rad from its goal, although"),
+        (2, {"status": 4, "result": False}, "unknown"),
+        (2, {"status": 4.0}, "unknown"),
+        (2, {"status": 4, "freezes": 0.06}, "(shoulder|elbow) ended 0.06 rad"),
         (1, {"status": 2}, "preempted"),
         (1, {"status": 4}, "aborted"),
         (1, {"status": 3, "stays": True}, "elbow ended 0.20 rad"),
     ],
 )
 def test_result_true_is_no_success_unless_status_and_joints_say_so(bridge, ros, end, complaint):
-    bridge.end = end
+    bridge.end, bridge.ros = end, ros
     with arm_of(bridge, ros=ros) as arm, pytest.raises(RobotError, match=complaint):
         arm.follow(way())
 
 
 def test_success_has_another_number_in_each_version_of_ros(bridge):
-    bridge.end = {"status": 3}
+    bridge.end, bridge.ros = {"status": 3}, 1
     with arm_of(bridge, ros=1) as arm:
         arm.follow(way())
     with pytest.raises(RobotError, match="unknown"):
@@ -204,19 +276,24 @@ def test_two_programs_on_one_bridge_never_share_a_goal_id(bridge):
     assert len(set(bridge.goals)) == 2
 
 
-def test_a_goal_that_does_not_end_is_cancelled_by_its_own_id(bridge, monkeypatch):
+@pytest.mark.parametrize("ros", [1, 2])
+def test_a_goal_that_does_not_end_is_cancelled_by_its_own_id(bridge, monkeypatch, ros):
     monkeypatch.setattr("simulate.drivers.rosbridge._SPARE_S", -0.2)
-    bridge.end = "silent"
-    with arm_of(bridge) as arm:
+    bridge.end, bridge.ros = "silent", ros
+    with arm_of(bridge, ros=ros) as arm:
         with pytest.raises(RemoteUnavailableError, match="did not end within"):
             arm.follow(way())
         assert bridge.stopped.wait(10)
     assert bridge.cancelled == bridge.goals
 
 
-def test_a_lost_link_is_told_and_a_second_connection_cancels_the_goal(bridge):
-    bridge.end = "lost"
-    with arm_of(bridge) as arm, pytest.raises(RemoteUnavailableError, match="connection was lost"):
+@pytest.mark.parametrize("ros", [1, 2])
+def test_a_lost_link_is_told_and_a_second_connection_cancels_the_goal(bridge, ros):
+    bridge.end, bridge.ros = "lost", ros
+    with (
+        arm_of(bridge, ros=ros) as arm,
+        pytest.raises(RemoteUnavailableError, match="connection was lost"),
+    ):
         arm.follow(way())
     assert bridge.stopped.wait(10)
     assert bridge.cancelled == bridge.goals
@@ -233,3 +310,84 @@ def test_joints_in_another_order_are_read_by_their_names_beside_other_joints(bri
     monkeypatch.setattr(bridge, "joint_state", shuffled)
     with arm_of(bridge) as arm:
         np.testing.assert_allclose(arm.measured(), START)
+
+
+def test_states_that_stop_during_a_motion_end_it_and_doubt_is_said(bridge, monkeypatch):
+    monkeypatch.setattr("simulate.drivers.watch._SILENT_S", 0.1)
+    monkeypatch.setattr("simulate.drivers.rosbridge._STOPPED_S", 0.1)
+    said = []
+    bridge.end = "states stop"
+    with (
+        arm_of(bridge, say=said.append) as arm,
+        pytest.raises(RemoteUnavailableError, match="no new joint state came"),
+    ):
+        arm.follow(way())
+    assert set(bridge.cancelled) == set(bridge.goals)
+    assert bridge.sessions == 2  # the first connection did not show that the arm rests
+    assert "nobody can tell whether the arm" in said[-1]
+
+
+def test_the_end_of_another_programs_goal_ends_nothing(bridge, monkeypatch):
+    monkeypatch.setattr("simulate.drivers.rosbridge._SPARE_S", -0.2)
+    for ros in (1, 2):
+        bridge.end, bridge.ros, bridge.at = {"status": 4, "of": "theirs"}, ros, np.array(START)
+        with (
+            arm_of(bridge, ros=ros) as arm,
+            pytest.raises(RemoteUnavailableError, match="did not end within"),
+        ):
+            arm.follow(way())
+
+
+@pytest.mark.parametrize("ends_wrong", [{"status": 6}, {"status": 4, "stays": True}])
+def test_a_motion_that_went_wrong_is_cancelled_even_if_it_is_said_to_have_ended(bridge, ends_wrong):
+    bridge.end = ends_wrong
+    with arm_of(bridge) as arm, pytest.raises(RobotError):
+        arm.follow(way())
+    assert bridge.cancelled == bridge.goals
+
+
+def test_a_short_way_within_the_tolerance_is_not_gone_by_staying(bridge):
+    short = time_path(np.array([START, (0.9, 0.34)]), np.full(2, 1.0))
+    bridge.end = {"status": 4, "stays": True}
+    with arm_of(bridge) as arm, pytest.raises(RobotError, match="elbow stayed where it was"):
+        arm.follow(short)
+    bridge.end = {"status": 4}
+    with arm_of(bridge) as arm:
+        arm.follow(short)
+
+
+def test_a_goal_at_the_present_position_moves_nothing(bridge):
+    with arm_of(bridge) as arm:
+        arm.follow(time_path(np.array([START, START]), np.full(2, 1.0)))
+    assert bridge.goals == []
+    with arm_of(bridge) as arm, pytest.raises(RobotError, match="from the start"):
+        arm.follow(time_path(np.array([(0.5, 0.3)] * 2), np.full(2, 1.0)))
+
+
+def test_a_way_there_and_back_is_not_gone_by_staying(bridge):
+    there = way()
+    back = join([there, reverse(there)])
+    bridge.end = {"status": 4, "stays": True, "passes": [list(START)] * 3}
+    with arm_of(bridge) as arm, pytest.raises(RobotError, match=r"went 0\.00 rad.*frozen"):
+        arm.follow(back)
+    bridge.end["passes"] = [[0.9, 0.4], [0.9, 0.49], [0.9, 0.35]]
+    with arm_of(bridge) as arm:
+        arm.follow(back)
+
+
+def test_joints_without_a_sensor_of_velocity_rest_by_their_positions(bridge):
+    bridge.state = "velocities unknown"
+    with arm_of(bridge) as arm:
+        np.testing.assert_allclose(arm.measured(), START)
+
+
+def test_a_flood_of_states_of_a_moving_arm_does_not_hold_one_up(bridge):
+    flood = iter(range(10**6))
+
+    def endless(until):
+        now = time.time_ns() + next(flood)
+        stamp = {"sec": now // 10**9, "nanosec": now % 10**9}
+        return {"header": {"stamp": stamp}, "name": JOINTS, "position": START, "velocity": [1, 1]}
+
+    with pytest.raises(RobotError, match="is moving"):
+        settled_joints(endless, JOINTS, None, 0.05)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +103,63 @@ def test_a_motion_that_does_not_end_is_killed(arm, motion, monkeypatch):
     motion.arrange(0.0, "", 0.01)
     with pytest.raises(RemoteUnavailableError, match="angleInterpolation"):
         arm.follow(moved(0.4))
-    assert motion.told()[-1] == "killed"
+    assert motion.told()[-1].startswith("killed ")
+
+
+def test_the_motion_of_another_program_goes_on_when_ours_is_killed(arm, robot, motion, monkeypatch):
+    monkeypatch.setattr("simulate.drivers.naoqi._SPARE_S", -0.5)
+    motion.arrange(0.0, "", 0.01)
+    motion.setStiffnesses(["LElbowRoll"], 1.0)
+    theirs = motion.angleInterpolation(["LElbowRoll"], [[-0.5]], [[1.0]], True, _async=True)
+    while not motion.getTaskList():
+        pass
+    (other,) = [number for _, number in motion.getTaskList()]
+    with pytest.raises(RemoteUnavailableError):
+        arm.follow(moved(0.4))
+    assert theirs.isRunning()
+    assert f"killed {other}" not in motion.told()
+    assert "killed all" not in motion.told()
+    motion.killTask(other)
+    theirs.wait()
+
+
+def test_a_lost_link_is_told_and_a_second_connection_stops_the_arm(robot, motion):
+    motion.arrange(0.0, "", 0.01)
+    session = robot[1]
+    driver = NaoqiArm(robot[0], ARM.joints, "RHand")
+    with ThreadPoolExecutor(1) as pool:
+        going = pool.submit(driver.follow, moved(0.4))
+        while not motion.getTaskList():
+            pass
+        driver._session.close()  # as if the network were gone
+        with pytest.raises(RemoteUnavailableError):
+            going.result()
+    while session.service("ALMotion").getTaskList():
+        pass
+    assert motion.told()[-1].startswith("killed")
+    robot[1].service("ALAutonomousLife").setState("solitary")
+
+
+def test_an_arm_whose_sensors_stand_still_or_that_moves_is_not_moved(arm, robot, motion):
+    memory = robot[1].service("ALMemory")
+    memory.freeze(True)
+    before = len(motion.told())
+    with pytest.raises(RobotError, match=r"sensors of .* stand still.*restart NAOqi"):
+        arm.follow(moved(0.4))
+    memory.freeze(False)
+    motion.drift("RElbowRoll", 0.5)
+    with pytest.raises(RobotError, match="RElbowRoll is moving"):
+        arm.follow(moved(0.4))
+    motion.drift("RElbowRoll", 0.0)
+    assert len(motion.told()) == before
+
+
+def test_what_a_lost_link_would_do_is_said_before_the_motion(robot, motion):
+    said = []
+    with NaoqiArm(robot[0], ARM.joints, "RHand", say=said.append) as driver:
+        driver.follow(moved(0.4))
+    assert len(said) == 1
+    assert "if the link" in said[0]
 
 
 def test_autonomous_life_rests_and_joints_are_stiff_only_while_the_arm_is_driven(robot, motion):

@@ -4,9 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 
-from simulate.motion.collision import ArmSpheres, Obstacle, Surroundings, body_obstacles
+from simulate.motion.collision import (
+    ArmSpheres,
+    Obstacle,
+    Surroundings,
+    _rounded,
+    body_obstacles,
+)
 from simulate.robots import describe_nao
+from simulate.robots.description import Pose, Shape
+from simulate.robots.mesh_cover import hull_boxes
 from simulate.world.robot_body import RobotBody
 from simulate.world.world import World
 
@@ -130,3 +139,25 @@ def test_a_load_moves_with_the_hand(arm_and_world):
     assert free > 0 > loaded.clearances(q[None], wall, loaded.slack(wall, {}))[0]
     ignored = loaded.slack(wall, {("wall", "load"): np.inf})
     assert loaded.clearances(q[None], wall, ignored)[0] == pytest.approx(free)
+
+
+def test_a_large_body_of_little_detail_is_covered_by_boxes_no_farther_than_its_hull(tmp_path):
+    """One sphere around a pedestal reached over the robot's whole table."""
+    rng = np.random.default_rng(3)
+    foot, top = rng.uniform(-1, 1, (20, 2)) * 0.4, rng.uniform(-1, 1, (20, 2)) * 0.1
+    mesh = trimesh.convex.convex_hull(
+        np.vstack([np.c_[foot, np.zeros(20)], np.c_[top, np.full(20, 0.9)]])
+    )
+    path = tmp_path / "pedestal.obj"
+    mesh.export(path)
+    centres, halves = hull_boxes(str(path), (1.0, 1.0, 1.0))
+    surface = mesh.sample(2000, seed=0)
+    off = np.abs(surface[:, None] - centres) - halves
+    assert (off.max(axis=2).min(axis=1) < 1e-6).all()
+    above = np.array([[0.3, 0.3, 0.85]])  # free beside the column
+    assert (np.abs(above[:, None] - centres) - halves).max(axis=2).min() > 0.1
+    assert np.prod(2 * halves, axis=1).sum() < 2.5 * mesh.volume
+    shape = Shape("mesh", (1.0, 1.0, 1.0), Pose(), str(path))
+    assert {o.radius for o in _rounded("trunk", shape, np.eye(4))} == {0.0}
+    small = Shape("mesh", (0.1, 0.1, 0.1), Pose(), str(path))
+    assert all(o.radius > 0 for o in _rounded("trunk", small, np.eye(4)))

@@ -74,6 +74,32 @@ class Edge:
     end: int
     is_loose: bool = False
     is_path: bool = False
+    _signature: str = field(default="", init=False, repr=False, compare=False)
+    _pattern: str = field(default="", init=False, repr=False, compare=False)
+
+    def mentions(self, variable: str) -> bool:
+        """Return whether a variable is one of its ends."""
+        return any(end.kind == "variable" and end.value == variable for end in self.ends)
+
+    @property
+    def signature(self) -> str:
+        """What it matches in any graph, whatever its variables are called."""
+        if not self._signature:
+            ends = (
+                "?" if node.kind == "variable" else f"{node.kind} {node.value} {node.datatype}"
+                for node in self.ends
+            )
+            steps = (f"{'^' * step.is_inverse}{step.node.value}" for step in self.steps)
+            self._signature = "\n".join((*ends, *steps))
+        return self._signature
+
+    @property
+    def pattern(self) -> str:
+        """What it says, the names of its variables included."""
+        if not self._pattern:
+            names = " ".join(end.value for end in self.ends if end.kind == "variable")
+            self._pattern = f"{names} {self.is_loose:d}{self.is_path:d}\n{self.signature}"
+        return self._pattern
 
     @property
     def ends(self) -> tuple[Node, Node]:

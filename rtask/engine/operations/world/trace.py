@@ -46,13 +46,17 @@ class PastPlace(Answer):
     pose: Json | None
     """geometry_msgs/Pose in that frame; null if none is known"""
     arrived_after: float | None
-    """Unix time, s, after which it came: when it was last seen elsewhere; null if nobody had"""
+    """Unix time, s, after which it came: when it was last seen where it surely had been before;
+    null if nobody saw it elsewhere"""
     since: float
     """since when it was known to be there"""
     seen: float
     """when it was last seen there"""
     until: float | None
-    """when it was known to be there no more; null while it lasts"""
+    """when it was first seen elsewhere, or taken; null while it lasts"""
+    left_before: float | None
+    """Unix time, s, by which it had surely left: after ``until`` where the next pose is so near
+    that it may have stood still; null if it may be there still"""
     by: str
     """name of who said so"""
     moved_by: str
@@ -93,12 +97,11 @@ def trace_thing(context: Context, request: TraceThing, access: Access) -> Traced
             "one, which where_is lists", field="name",
         )  # fmt: skip
     thing, product = pairs[0]
-    stays = stays_of(world, thing, asked_instant(request.stamp))
-    latest = stays[-request.max_places :]
+    latest, left_out = stays_of(world, thing, asked_instant(request.stamp), request.max_places)
     return Traced(
         thing=thing, object=product, label=label_of(world, thing),
         places=[_past_place(world, stay) for stay in latest],
-        places_left_out=len(stays) - len(latest),
+        places_left_out=left_out,
     )  # fmt: skip
 
 
@@ -110,5 +113,6 @@ def _past_place(world: WorldState, stay: Stay) -> PastPlace:
         relation=place.relation, place=place.place, place_label=label_of(world, place.place),
         frame=place.frame, pose=None if pose is None else pose_message(pose),
         arrived_after=stay.arrived_after_s, since=place.begin, seen=place.confirmed,
-        until=place.end, by=label_of(world, place.agent), moved_by=label_of(world, stay.moved_by),
+        until=place.end, left_before=stay.left_before_s, by=label_of(world, place.agent),
+        moved_by=label_of(world, stay.moved_by),
     )  # fmt: skip

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from features.geometry import Frame
-from features.imaging.pictures import is_rectified_topic
+from features.imaging.topics import is_rectified_topic
 from rtask.interop.ros.clouds import frame_of, frame_of_images
 from rtask.interop.ros.convert import raw_mapping
 from rtask.interop.ros.views.newest import NewestView

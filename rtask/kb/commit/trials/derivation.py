@@ -29,7 +29,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rtask.errors import BusyError, RtaskError
-from rtask.kb.commit.budget import Guard, ReasoningLimits
+from rtask.kb.commit.budget import Guard, ReasoningLimits, stopping
 from rtask.kb.commit.inference import Inference, Staged, too_much_follows
 from rtask.kb.commit.trials.process import (
     CAN_FORK,
@@ -173,7 +173,7 @@ class TrialDerivations:
     def _slot(self, until: float | None) -> Iterator[None]:
         while not self._slots.acquire(timeout=_LOOK_S):
             if self._stop.is_set():
-                raise _stopping()
+                raise stopping()
             if until is not None and time.monotonic() > until:
                 raise BusyError(
                     "other changes from which much follows were tried all the time; nothing was "
@@ -236,7 +236,7 @@ class Trial:
         try:
             outcome: _Outcome = self._process.receive(until)
         except StoppedError:
-            raise _stopping() from None
+            raise stopping() from None
         except LateError:
             raise _unknown("within its time") from None
         except EndedError:
@@ -255,7 +255,8 @@ class Trial:
                 self._handover.encode(report)
             self._handover.receive(report)
             if not self._handover.has_steps:
-                return
+                break
+        self.holders.find_meanwhile(list(self._handover.leaving()), self._lock)
 
     def adopt(
         self,
@@ -349,13 +350,6 @@ def _tried(closure: Any, change: LongDerivationError, budget: Any) -> tuple[_Out
     causes = staged.causes(budget_ms=change.cause_ms)
     outcome = _Outcome(contradictions=tuple(staged.contradictions), causes=tuple(causes))
     return outcome, None
-
-
-def _stopping() -> BusyError:
-    return BusyError(
-        "the server is stopping; nothing was stored; send the change again later",
-        retry_after_s=_RETRY_S,
-    )
 
 
 def _unknown(why: str) -> BusyError:

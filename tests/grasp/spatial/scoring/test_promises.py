@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from grasp.spatial.gripper import panda_hand
-from grasp.spatial.scoring.promises import FACTORY, Promises
+from grasp.spatial.gripper import nao_hand, panda_hand, parallel_jaw
+from grasp.spatial.scoring.promises import FACTORY, TRIED, UNTRIED, Promises
 
-OTHER = Promises("some_hand")
+OTHER = Promises()
 
 
 def _scores(score: float, load: float = 0.3) -> dict[str, float]:
@@ -19,10 +19,10 @@ def _scores(score: float, load: float = 0.3) -> dict[str, float]:
 def test_a_promise_never_falls_with_the_score_nor_rises_with_the_weight(name: str) -> None:
     factory = FACTORY[name]
     scores = np.linspace(0, 1, 101)
-    for hand in ("panda_hand", "nao_hand", "another"):
-        chances = [factory.chance(score, 0.3, hand) for score in scores]
+    for stroke in (0.01, 0.05, 0.08, 0.3):
+        chances = [factory.chance(score, 0.3, stroke) for score in scores]
         assert (np.diff(chances) >= 0).all()
-        heavier = [factory.chance(0.6, load, hand) for load in (0.0, 0.1, 0.3, 0.9)]
+        heavier = [factory.chance(0.6, load, stroke) for load in (0.0, 0.1, 0.3, 0.9)]
         assert (np.diff(heavier) <= 0).all()
     assert 0 <= factory.at_least(0.02) <= factory.at_least(0.5) < factory.at_least(0.98) < 0.98
 
@@ -44,18 +44,18 @@ def test_outcomes_move_offset_and_slope_and_come_in_any_order() -> None:
     rng = np.random.default_rng(4)
     scores = rng.uniform(0.05, 0.95, 400)
     # A hand whose good grasps are better and whose poor ones are worse than the factory's.
-    odds = [np.log(p / (1 - p)) for p in (FACTORY["lift"].chance(s, 0.3) for s in scores)]
+    odds = [np.log(p / (1 - p)) for p in (FACTORY["carry"].chance(s, 0.3) for s in scores)]
     truth = 1 / (1 + np.exp(-(1.8 * (np.array(odds) - 1.5) + 1.5)))
     told = [
-        (_scores(score), {"lift": bool(held)})
+        (_scores(score), {"carry": bool(held)})
         for score, held in zip(scores, rng.random(400) < truth, strict=True)
     ]
     after = OTHER.after(told)
     assert after == OTHER.after(told[::-1])
-    assert after.own["lift"].slope > 1.2
-    assert "carry" not in after.own
-    assert after.of(_scores(0.5))["carry_chance"] == OTHER.of(_scores(0.5))["carry_chance"]
-    gap = [abs(p.of(_scores(s))["lift_chance"] - t).mean() for p in (OTHER, after)
+    assert after.own["carry"].slope > 1.2
+    assert "lift" not in after.own
+    assert after.of(_scores(0.5))["lift_chance"] == OTHER.of(_scores(0.5))["lift_chance"]
+    gap = [abs(p.of(_scores(s))["carry_chance"] - t).mean() for p in (OTHER, after)
            for s, t in [(0.08, np.interp(0.08, np.sort(scores), np.sort(truth)))]]  # fmt: skip
     assert gap[1] < gap[0]
 
@@ -65,7 +65,26 @@ def test_outcomes_without_the_scores_teach_nothing() -> None:
     assert OTHER.after([(_scores(0.5), {})]) == OTHER
 
 
-def test_the_hands_of_the_fit_have_their_own_offsets() -> None:
-    assert Promises.by(panda_hand()).hand == "panda_hand"
-    at = {hand: FACTORY["carry"].chance(0.5, 0.3, hand) for hand in ("panda_hand", "nao_hand", "")}
-    assert at["nao_hand"] < at[""] < at["panda_hand"]
+def test_a_smaller_hand_is_promised_less_for_the_same_score() -> None:
+    scores = _scores(0.5)
+    small, large = Promises(0.05).of(scores), Promises(0.08).of(scores)
+    assert small["lift_chance"] < large["lift_chance"] - 0.02
+    assert small["carry_chance"] < large["carry_chance"] - 0.05
+
+
+def test_hands_that_were_tried_have_maps_of_their_own() -> None:
+    by = Promises.by(nao_hand())
+    assert (by.stroke, by.hand) == (0.05, "nao_hand")
+    assert by.maps is TRIED["nao_hand"]
+    assert Promises.by(parallel_jaw(0.05)).maps is FACTORY
+    weak, strong = by.of(_scores(0.5)), Promises.by(panda_hand()).of(_scores(0.5))
+    assert weak["carry_chance"] < strong["carry_chance"]
+    assert by.after([(_scores(0.5), {"lift": True})]).maps is by.maps
+
+
+def test_hands_differ_more_in_carrying_than_in_lifting_and_outcomes_count_by_that() -> None:
+    after = OTHER.after([(_scores(0.5), {"lift": False, "carry": False})] * 10)
+    moved = {name: abs(after.own[name].offset) for name in ("lift", "carry")}
+    assert moved["carry"] > moved["lift"] > 0.1
+    assert UNTRIED["carry"].variances[0] > UNTRIED["lift"].variances[0]
+    assert after.outcomes == 10

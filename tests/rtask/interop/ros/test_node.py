@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from features.codec import encode_frame
@@ -77,6 +79,7 @@ def test_see_recognises_what_was_taught_with_feedback_and_latched_grasps(robot, 
     found = seen["result"]["objects"]
     assert sorted(one["name"] for one in found) == ["soap", "tea"]
     assert all(one["header"]["stamp"]["secs"] == 100 for one in found)
+    assert all(one["view"] and re.fullmatch("[0-9a-f]{64}", one["picture"]) for one in found)
     by_name = {one["name"]: one for one in found}
     position = by_name["soap"]["pose"]["position"]
     assert position["y"] > 0 > by_name["tea"]["pose"]["position"]["y"] or position["y"] < 0

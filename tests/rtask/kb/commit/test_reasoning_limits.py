@@ -16,6 +16,7 @@ from rtask.kb.commit import budget
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.budget import OF_ROBOTS, Guard, ReasoningLimits
 from rtask.kb.commit.commit import Request
+from rtask.kb.commit.committer import MAX_LATE
 from rtask.kb.commit.trials import derivation
 from rtask.kb.commit.trials.derivation import CAN_FORK
 from rtask.kb.commit.update_limits import UpdateLimits
@@ -89,6 +90,9 @@ def test_a_derivation_is_ended_when_the_server_stops_and_small_commits_are_store
             insert(kb, "rdfs:subClassOf a owl:SymmetricProperty")
         assert (refused.value.status, refused.value.details["retry_after_s"]) == (503, 10)
         assert insert(kb, "<urn:c> <urn:p> 1").added == 1
+        many = " ".join(f"<urn:d> <urn:p> {i} ." for i in range(MAX_LATE + 1))
+        with pytest.raises(BusyError, match="stopping"):
+            insert(kb, many)
 
 
 def test_what_may_be_derived_grows_with_each_statement() -> None:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from pyoxigraph import Quad, Store
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pyoxigraph import BlankNode, Literal, Quad, Store
 
 from rtask.kb.store.apply import apply
 from rtask.kb.store.embedded import EmbeddedStore
@@ -67,3 +72,37 @@ def test_what_others_leave_alone_is_kept_while_their_changes_are_followed() -> N
     holders.unfollow()
     apply(store, Writes(added=[_quad(1, _I)]))
     assert set(holders.of(triple_key(_quad(1, _G)))) == {_G, _I}
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_triples_looked_up_at_once_are_found_as_one_by_one(tmp_path: Path, on_disk: bool) -> None:
+    store = EmbeddedStore(Store(str(tmp_path / "store")) if on_disk else Store())
+    node = BlankNode("b1")
+    shared = [_quad(n, graph) for n in (1, 255, 256, 511) for graph in (_G, _H)]
+    more = [Quad(s, iri(f"urn:p{n}"), node, _G) for s in (node, iri("urn:t")) for n in range(60)]
+    apply(store, Writes(added=[*shared, *more]))
+    same_value = Literal("01", datatype=iri("http://www.w3.org/2001/XMLSchema#int"))
+    written = Quad(iri("urn:s"), iri("urn:p"), same_value, _G)
+    keys = [triple_key(q) for q in (*shared, *more[::7], written, _quad(7, _G), _quad(8, _G))]
+
+    assert {key: set(graphs) for key, graphs in store.holders_of_each(keys).items()} == {
+        key: set(store.holders(key)) for key in keys
+    }
+
+
+def test_what_changes_while_much_is_looked_up_is_looked_up_again() -> None:
+    store = _CountingStore()
+    apply(store, Writes(added=[_quad(1, _G), _quad(2, _G), _quad(3, _G)]))
+    holders = Holders(store)
+    holders.follow()
+
+    @contextlib.contextmanager
+    def changing() -> Iterator[None]:
+        apply(store, Writes(added=[_quad(2, _H)]))  # read before, and changed before the lock
+        yield
+
+    holders.find_meanwhile([triple_key(_quad(n, _G)) for n in (1, 2, 3)], changing)
+
+    found = [set(holders.of(triple_key(_quad(n, _G)))) for n in (1, 2, 3)]
+    assert found == [{_G}, {_G, _H}, {_G}]
+    assert store.looked_up == 1

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 
 from rtask.asking.check.findings import Finding
 from rtask.asking.check.fitting import Fitting, reversed_edge
-from rtask.asking.check.names import affinity, words_of
+from rtask.asking.check.naming.names import affinity, words_of
+from rtask.asking.check.naming.usual import heads, kinds_by_name, nouns, usual_kinds, usual_literals
 from rtask.asking.check.repairs import Repairs
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context, Demand, family
-from rtask.asking.check.usual import heads, kinds_by_name, nouns, usual_kinds, usual_literals
 from rtask.asking.check.vocabulary import local
 from rtask.asking.check.wording import demanded
 

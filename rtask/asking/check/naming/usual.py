@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 import ontology
-from rtask.asking.check.names import words_of
+from rtask.asking.check.naming.names import words_of
 from rtask.asking.check.syntax.outline import Outline
 from rtask.asking.check.syntax.reading import read_outline
 from rtask.asking.check.types import Demands, contexts, family

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from rtask.asking.check.vocabulary import Vocabulary, local
 
-__all__ = ["affinity", "likeness", "properties_named", "words_of"]
+__all__ = ["affinity", "likeness", "may_be_like", "properties_named", "words_of"]
 
 _PART = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 
@@ -43,6 +43,31 @@ def likeness(name: str, other: str) -> float:
     shared = sum(min(count, b[pair]) for pair, count in a.items() if pair in b)
     total = len(name) * 2 + len(other) * 2 + 2
     return 2 * shared / total
+
+
+@lru_cache(maxsize=16_384)
+def _letters(name: str) -> int:
+    """Return a bit for each letter of a name, by its number modulo 64."""
+    bits = 0
+    for letter in name:
+        bits |= 1 << (ord(letter) & 63)
+    return bits
+
+
+def may_be_like(name: str, other: str, least: float) -> bool:
+    """Return whether two names could be alike, by their letters alone; much quicker to ask.
+
+    A letter that the other does not have takes two pairs of neighbours, or more, with it.
+
+    >>> may_be_like("graspWidth", "jawWidth", 0.5), may_be_like("mass", "phone", 0.5)
+    (True, False)
+    """
+    a, b = _letters(name), _letters(other)
+    total = len(name) * 2 + len(other) * 2 + 2
+    for length, missing in ((len(name), a & ~b), (len(other), b & ~a)):
+        if 2 * (2 * length + 1 - 2 * missing.bit_count()) < least * total:
+            return False
+    return True
 
 
 def affinity(variable: str, iri: str, vocabulary: Vocabulary) -> float:

@@ -1,0 +1,161 @@
+"""Patterns that contradict the plain words of a variable: ``?when``, ``?width``, ``?parent``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rtask.asking.check.by_data import is_chained
+from rtask.asking.check.findings import Finding
+from rtask.asking.check.fitting import Fitting, is_same_variable, reversed_edge
+from rtask.asking.check.naming.meanings import (
+    head_of,
+    is_identifying,
+    kinds_of_word,
+    literals_by_word,
+    physical_words,
+    rank_of,
+    rank_of_values,
+)
+from rtask.asking.check.naming.names import affinity, words_of
+from rtask.asking.check.repairs import Repairs
+from rtask.asking.check.syntax.outline import Edge
+from rtask.asking.check.types import TYPE, Context, Demand, family
+from rtask.asking.check.vocabulary import local
+from rtask.asking.check.wording import demanded
+
+__all__ = ["ByWords"]
+
+
+class ByWords:
+    """Looks for variables whose last word says that they are something else."""
+
+    def __init__(self, fitting: Fitting, repairs: Repairs, blamed: set[int]) -> None:
+        self._fitting = fitting
+        self._vocabulary = fitting.vocabulary
+        self._repairs = repairs
+        self._blamed = blamed
+
+    def findings(self, context: Context) -> Iterator[Finding]:
+        """Yield the patterns of a context that the words of its variables contradict."""
+        for edge in context.own:
+            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
+                continue
+            if self._is_upside_down(edge, context):
+                self._blamed.add(id(edge))
+                yield self._turned(edge)
+                continue
+            for demand in self._fitting.demands.of(edge, context) or ():
+                if demand.node.kind == "variable" and self._is_odd(demand, edge, context):
+                    self._blamed.add(id(edge))
+                    yield self._odd(demand, edge, context)
+                    break
+
+    def _is_upside_down(self, edge: Edge, context: Context) -> bool:
+        """Return whether a pattern leads from what is named as the whole to the part."""
+        (step,) = edge.steps
+        about, value = edge.ends[:: -1 if step.is_inverse else 1]
+        if about.kind != "variable" or value.kind != "variable":
+            return False
+        upwards = rank_of_values(step.node.value)
+        ranks = rank_of(value.value) * upwards, rank_of(about.value) * -upwards
+        if max(ranks) > 0 or min(ranks) == 0 or is_chained(edge, context):
+            return False
+        return not self._fitting.misfits(reversed_edge(edge), context)
+
+    def _turned(self, edge: Edge) -> Finding:
+        node = edge.steps[0].node
+        words = (
+            f"?{edge.subject.value} and ?{edge.object.value} are named the other way round than "
+            f"{local(node.value)} leads"
+        )
+        return Finding(
+            "reversed", "likely", node.start, node.end, words, (self._repairs.turned(edge),)
+        )
+
+    def _is_odd(self, demand: Demand, edge: Edge, context: Context) -> bool:
+        """Return whether the last word of a variable is that of something else."""
+        iri = edge.steps[0].node.value
+        word = head_of(demand.node.value)
+        if not word or demand.is_observed or self._is_named_after(demand, edge):
+            return False
+        if self._is_agreed(demand, edge, context):
+            return False
+        if iri == TYPE and edge.object.kind != "iri":
+            return False
+        literals = literals_by_word(self._vocabulary).get(word)
+        if demand.is_thing:
+            if literals is None:
+                return self._is_foreign(demand, edge, word, context)
+            if demand.at == 0 and not edge.steps[0].is_inverse:
+                return False  # that something is said of it shows that no literal is meant
+            return word in ("name", "label") or not self._fitting.is_attested(edge, context)
+        if demand.is_thing is None:
+            return False
+        kinds = {family(kind) for kind in demand.datatypes}
+        kinds = {"dateTime" if kind.startswith("dateTime") else kind for kind in kinds}
+        if literals is not None:
+            return bool(kinds) and "" not in kinds and not kinds & literals
+        if word not in physical_words(self._vocabulary) or is_identifying(iri):
+            return False
+        return not self._is_borne_out(demand, edge, kinds_of_word(word, self._vocabulary), context)
+
+    def _is_foreign(self, demand: Demand, edge: Edge, word: str, context: Context) -> bool:
+        """Return whether the classes that are called by a word are quite other ones."""
+        kinds = kinds_of_word(word, self._vocabulary)
+        if not kinds or demand.bits is None or demand.bits & kinds:
+            return False
+        if not self._vocabulary.are_unlike(demand.bits, kinds):
+            return False
+        return not self._is_borne_out(demand, edge, kinds, context)
+
+    def _is_borne_out(self, demand: Demand, edge: Edge, kinds: int, context: Context) -> bool:
+        """Return whether the graph has what a pattern says, or nothing that would suit better.
+
+        That a graph has no such statements is no fault.
+        """
+        if self._fitting.evidence.matches(edge):
+            return not self._fitting.is_contradicted(edge, context)
+        if edge.steps[0].node.value == TYPE:
+            return False
+        named = Edge(demand.node, [], demand.node, -1, -1)
+        wish = Demand(named, 0, kinds or None, True)
+        return not self._repairs.has_attested(edge, context, wish)
+
+    def _is_agreed(self, demand: Demand, edge: Edge, context: Context) -> bool:
+        """Return whether another pattern makes the same of a variable: that is what is meant."""
+        for other in context.touching(edge):
+            if other is edge:
+                continue
+            for given in self._fitting.demands.of(other, context) or ():
+                if not is_same_variable(given.node, demand.node):
+                    continue
+                if given.is_thing != demand.is_thing or given.is_observed:
+                    continue
+                if not demand.is_thing or (
+                    given.bits is not None and (demand.bits is None or given.bits & demand.bits)
+                ):
+                    return True
+        return False
+
+    def _is_named_after(self, demand: Demand, edge: Edge) -> bool:
+        """Return whether a variable has a word of its property, or of what stands there."""
+        (step,) = edge.steps
+        if step.node.value == TYPE:
+            return affinity(demand.node.value, edge.object.value, self._vocabulary) > 0
+        if affinity(demand.node.value, step.node.value, self._vocabulary) > 0:
+            return True
+        axioms = self._vocabulary.properties.get(step.node.value)
+        kinds = axioms.classes[1 - demand.at if step.is_inverse else demand.at] if axioms else ()
+        named = {word for iri in kinds for word in words_of(local(iri))}
+        return bool(named.intersection(words_of(demand.node.value)))
+
+    def _odd(self, demand: Demand, edge: Edge, context: Context) -> Finding:
+        (step,) = edge.steps
+        node = edge.object if step.node.value == TYPE else step.node
+        words = (
+            f"{demanded(self._vocabulary, demand)}, "
+            f"which is hardly what ?{demand.node.value.partition(' ')[0]} stands for"
+        )
+        usual = kinds_of_word(head_of(demand.node.value), self._vocabulary)
+        repairs = self._repairs.of_named(edge, demand, usual, context)
+        return Finding("unusual-name", "likely", node.start, node.end, words, tuple(repairs))

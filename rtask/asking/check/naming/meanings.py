@@ -1,0 +1,129 @@
+"""What the names of variables say by themselves: a literal, a person, a whole or its part.
+
+A name counts by its last word, as in ``?maxForce`` or ``?robot_name``; what comes before qualifies
+it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from types import MappingProxyType
+
+import ontology
+from rtask.asking.check.naming.names import words_of
+from rtask.asking.check.naming.usual import heads
+from rtask.asking.check.types import family
+from rtask.asking.check.vocabulary import Vocabulary, local
+
+__all__ = [
+    "head_of", "is_identifying", "kinds_of_word", "literals_by_word", "physical_words", "rank_of",
+    "rank_of_values",
+]  # fmt: skip
+
+_OWN = (ontology.NS, ontology.PREFIXES["cora"])
+_PHYSICAL = ontology.PREFIXES["sumo"] + "Physical"
+_PERSONS = {"who", "whom", "whose"}
+_MOMENTS = {"when", "since", "until", "start", "begin", "end", "time"}
+_ADJECTIVES = ("ed", "ing", "able", "ent", "al")
+_LOWER = {"part", "child", "kid", "piece", "inner", "content", "sub", "narrower", "member",
+          "descendant"}  # fmt: skip
+_UPPER = {"whole", "parent", "outer", "container", "super", "broader", "ancestor", "surface",
+          "holder", "support", "shelf", "table", "tray", "where", "place"}  # fmt: skip
+_TO_UPPER = {"parent", "ancestor", "located", "placed", "sub", "container"}
+_IDENTIFYING = {"name", "label", "id", "identifier", "code", "title", "kind", "type", "text"}
+
+
+@lru_cache(maxsize=8192)
+def head_of(name: str) -> str:
+    """Return the word that says what a variable is, in the singular; empty for an abbreviation.
+
+    >>> head_of("theRobots"), head_of("robot2"), head_of("r")
+    ('robot', 'robot', '')
+    """
+    words = [word for word in words_of(name.partition(" ")[0]) if not word.isdigit()]
+    if not words or len(words[-1]) < 3:
+        return ""
+    word = words[-1]
+    return word[:-1] if len(word) > 4 and word.endswith("s") and word[-2] not in "su" else word
+
+
+def is_identifying(iri: str) -> bool:
+    """Return whether a text of a property stands for the thing itself, as its name does."""
+    words = words_of(local(iri))
+    return bool(words) and words[-1] in _IDENTIFYING
+
+
+@lru_cache(maxsize=4)
+def literals_by_word(vocabulary: Vocabulary) -> Mapping[str, frozenset[str]]:
+    """Return the families of the literals that a word stands for in the names of properties.
+
+    Only words that name no class and end the name of no property between things. An adjective
+    may stand for the thing that is so, as in ``?disputed``.
+    """
+    families: dict[str, set[str]] = {word: {"dateTime", "number", "text"} for word in _MOMENTS}
+    others = set(heads(vocabulary))
+    for iri, axioms in vocabulary.properties.items():
+        word = head_of(local(iri))
+        if axioms.relates_things is True:
+            others.add(word)
+        elif axioms.datatypes and word and word not in _MOMENTS and not word.endswith(_ADJECTIVES):
+            kinds = {family(kind) for kind in axioms.datatypes}
+            families.setdefault(word, set()).update(
+                "dateTime" if kind.startswith("dateTime") else kind for kind in kinds
+            )
+    return MappingProxyType(
+        {word: frozenset(kinds) for word, kinds in families.items() if word not in others}
+    )
+
+
+@lru_cache(maxsize=4)
+def physical_words(vocabulary: Vocabulary) -> frozenset[str]:
+    """Return the words that name what can be seen or done, and so is no number."""
+    words = set()
+    for iri in vocabulary.bit:
+        if iri.startswith(_OWN) and any(
+            local(kind) == "Physical" for kind in vocabulary.above[iri]
+        ):
+            word = head_of(local(iri))
+            if len(word) > 4 or word == local(iri).lower():
+                words.add(word)
+    return frozenset(words)
+
+
+@lru_cache(maxsize=4)
+def agents(vocabulary: Vocabulary) -> int:
+    """Return the bits of the classes of those who do something."""
+    bits = 0
+    for name in ("Agent", "Robot", "Human"):
+        bits |= heads(vocabulary).get(name.lower(), 0)
+    return bits
+
+
+def kinds_of_word(word: str, vocabulary: Vocabulary) -> int:
+    """Return the bits of the classes that a word names by the last word of theirs."""
+    if word in _PERSONS:
+        return agents(vocabulary)
+    return 0 if word in _UPPER | _LOWER else heads(vocabulary).get(word, 0)
+
+
+def rank_of(name: str) -> int:
+    """Return 1 for the name of a whole, -1 for that of a part, 0 for any other.
+
+    >>> rank_of("parent"), rank_of("inner_part"), rank_of("robot")
+    (1, -1, 0)
+    """
+    word = head_of(name)
+    return 1 if word in _UPPER else -1 if word in _LOWER else 0
+
+
+def rank_of_values(iri: str) -> int:
+    """Return 1 for a property that leads from part to whole, -1 from whole to part, else 0.
+
+    >>> [rank_of_values(ontology.NS + name) for name in ("subTaskOf", "hasSubTask", "mass")]
+    [1, -1, 0]
+    """
+    words = words_of(local(iri))
+    if not words or not _TO_UPPER.intersection(words):
+        return 0
+    return -1 if words[0] == "has" else 1
