@@ -168,8 +168,8 @@ class Proof:
         settings, console = self.settings, self.console
         self._prepare()
         console.step(
-            f"{settings.products[0]} looks like a plain box; its {settings.weak} end breaks when it "
-            "is pressed. No robot is told."
+            f"{settings.products[0]} looks like a plain box; its {settings.weak} end breaks when "
+            "it is pressed. No robot is told."
         )
         with self._stack, ThreadPoolExecutor(3) as beside:
             starting = [beside.submit(self._endpoint, part) for part in ("shared", "shuffled")]

@@ -68,7 +68,7 @@ class _Fleet:
         """Return the attempts of both robots at each product, by condition."""
         order = [int(i) for i in rng.permutation(len(self.products))]
         luck = {i: [Luck.draw(rng, _CAP) for _ in range(3)] for i in order}
-        rows = [{"product": i, "robot_1": {}, "robot_2": {}} for i in order]
+        rows: list[dict[str, Any]] = [{"product": i, "robot_1": {}, "robot_2": {}} for i in order]
         first: dict[bool, dict[int, list[ReportedGrasp]]] = {}
         lessons: dict[bool, Lessons] = {}
         for reasons, player in self.players.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import click
@@ -102,7 +103,7 @@ def test_the_parts_of_a_product_fill_it_from_end_to_end(kind: str) -> None:
     parts = sorted(spec.secret.parts, key=lambda part: part.position[0])
     ends = [(p.position[0] - p.size[0] / 2, p.position[0] + p.size[0] / 2) for p in parts]
     assert (ends[0][0], ends[-1][1]) == pytest.approx((-spec.dims[0] / 2, spec.dims[0] / 2))
-    for (_, end), (start, _) in zip(ends, ends[1:], strict=False):
+    for (_, end), (start, _) in itertools.pairwise(ends):
         assert start == pytest.approx(end)
 
 
