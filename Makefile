@@ -43,9 +43,9 @@ $(READY): pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing Python packages (a few minutes the first time)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,browser]'
-	@$(MAKE) --no-print-directory pages
-	@echo "compiling numeric kernels (one to four minutes, once)"
-	@$(BIN)/rtask doctor --warm-up --quiet
+	@echo "compiling numeric kernels (about a minute, once; some go on in the background)"
+	@$(MAKE) --no-print-directory pages & \
+	$(BIN)/rtask doctor --warm-up --background --quiet; status=$$?; wait; exit $$status
 	@touch $(READY)
 	@echo "ready: source $(BIN)/activate puts the command rtask into the PATH"
 

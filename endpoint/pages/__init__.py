@@ -22,7 +22,7 @@ from endpoint.pages import (
 from endpoint.pages.graph import ask, classes, proof, resource, terms, workbench, world
 from endpoint.pages.render import blueprint
 from endpoint.pages.services import datasets, forms, jobs, pipeline, setup, tools
-from endpoint.pages.tasks import plan
+from endpoint.pages.tasks import plan, questions
 
 __all__ = [
     "activity",
@@ -45,6 +45,7 @@ __all__ = [
     "pipeline",
     "plan",
     "proof",
+    "questions",
     "resource",
     "robots",
     "search",

@@ -41,6 +41,7 @@ _PAGES = (
     ("/feedback", "Outcomes", "feedback attempts judge verdicts"),
     ("/world", "The world", "where things places tables rooms frames map scene gltf usd"),
     ("/plan", "Plan", "tasks goal robots steps assign"),
+    ("/questions", "Questions of robots", "ask answer stuck help people price"),
     ("/learning", "Learning", "success curves beliefs experience shared alone"),
     ("/services", "Services", "algorithms methods forms call"),
     ("/tools/grasp", "Grasp editor", "tool push outline polygon whiskers plan"),

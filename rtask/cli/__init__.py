@@ -47,6 +47,7 @@ _BUILT_IN = {
     "proposals": "rtask.cli.proposals:proposals",
     "quarantine": "rtask.cli.maintenance:quarantine",
     "query": "rtask.cli.query:query",
+    "questions": "rtask.cli.tasks.questions:questions",
     "reason": "rtask.cli.reasoning:reason",
     "rebuild": "rtask.cli.maintenance:rebuild",
     "recognise": "rtask.cli.perception.recognise:recognise",
@@ -76,8 +77,8 @@ _BUILT_IN = {
 _SECTIONS = {
     "Run": ("demo", "serve", "worker", "simulate", "study", "thesis"),
     "Ask": (
-        "ask", "plan", "tasks", "query", "search", "explain", "entails", "where", "history",
-        "objects",
+        "ask", "plan", "tasks", "questions", "query", "search", "explain", "entails", "where",
+        "history", "objects",
     ),
     "Load and change": (
         "load", "update", "undo", "export", "ontology", "rules", "model",

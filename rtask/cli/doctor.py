@@ -26,6 +26,19 @@ _EXTRAS = (
     ("perception", "open3d", f"sudo apt-get install {_OPEN3D_PACKAGES}"),
     ("simulate", "pybullet", "pip install --force-reinstall pybullet"),
 )
+_FIRST_KERNELS = (
+    "features.codec.differences",
+    "features.segmentation",
+    "features.recognition",
+    "reasoner",
+)
+"""Modules with kernels that a robot needs to see and recognise what it is to grasp."""
+_LATER_KERNELS = (
+    "features.modelling",
+    "grasp.spatial.grasp_plan",
+    "features.scene_change",
+    "grasp.push",
+)
 _IMPORT_TIMEOUT_S = 120
 _MIN_FREE_BYTES = 2 * 1024**3
 
@@ -253,28 +266,36 @@ def examine(data: Path | None, port: int) -> Iterator[Finding]:
         yield check()
 
 
-def warm_up() -> None:
-    """Compile the numeric kernels once; numba keeps them on disk.
+def warm_up(modules: Iterable[str] = (*_FIRST_KERNELS, *_LATER_KERNELS)) -> None:
+    """Compile the numeric kernels of modules once; numba keeps them on disk.
 
     Raises
     ------
     MissingExtraError
         The extra ``perception``, which brings numba, is not installed.
     """
-    for module in (
-        "features.codec.differences",
-        "features.segmentation",
-        "features.recognition",
-        "features.modelling",
-        "features.scene_change",
-        "reasoner",
-        "grasp.push",
-        "grasp.spatial.grasp_plan",
-    ):
+    for module in modules:
         loaded = importlib.import_module(module)
         compile_all = getattr(loaded, "warm_up", None)
         if compile_all is not None:
             compile_all()
+
+
+def warm_up_later() -> int:
+    """Compile what no first grasp needs in a process of low priority; return its number.
+
+    It outlives this one. What is used before it got there is compiled on that use.
+    """
+    call = (
+        f"import os; os.nice(10); from rtask.cli.doctor import warm_up; warm_up({_LATER_KERNELS})"
+    )
+    return subprocess.Popen(
+        [sys.executable, "-c", call],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    ).pid
 
 
 def print_findings(examined: Iterable[Finding], quiet: bool, as_json: bool) -> None:
@@ -310,13 +331,24 @@ def print_findings(examined: Iterable[Finding], quiet: bool, as_json: bool) -> N
 @click.option("--data", "-d", type=click.Path(path_type=Path), help="Also look at this store.")
 @click.option("--port", "-p", default=8765, show_default=True, help="Port that serve would use.")
 @click.option("--warm-up", "warm", is_flag=True, help="Compile the numeric kernels as well.")
+@click.option(
+    "--background", is_flag=True,
+    help="With --warm-up: compile what no first grasp needs in the background.",
+)  # fmt: skip
 @click.option("--quiet", "-q", is_flag=True, help="Print only what is broken.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON list.")
-def doctor(data: Path | None, port: int, warm: bool, quiet: bool, as_json: bool) -> None:
+def doctor(
+    data: Path | None, port: int, warm: bool, background: bool, quiet: bool, as_json: bool
+) -> None:
     """Say what is wrong with this machine, and the command that mends it.
 
     Exit code 1 when something must be mended; notes do not count.
     """
+    if background and not warm:
+        raise click.UsageError("--background is about compiling: give --warm-up as well")
     print_findings(examine(data, port), quiet, as_json)
-    if warm:
+    if background:
+        warm_up(_FIRST_KERNELS)
+        warm_up_later()
+    elif warm:
         warm_up()

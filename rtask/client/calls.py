@@ -12,6 +12,8 @@ __all__ = [
     "DEFERRABLE",
     "REPEATABLE",
     "REQUEST_IDS",
+    "AnsweredQuestion",
+    "AskedPerson",
     "Calls",
     "Camera",
     "CancelledPlan",
@@ -32,8 +34,11 @@ __all__ = [
     "GraspStatistics",
     "Inserted",
     "InsertedObject",
+    "ListedChoice",
     "ListedPlan",
     "ListedPlans",
+    "ListedQuestion",
+    "ListedQuestions",
     "ListedStep",
     "Located",
     "LocatedFrame",
@@ -41,6 +46,7 @@ __all__ = [
     "Look",
     "MotionReport",
     "NewObject",
+    "OfferedChoice",
     "OfferedGrasp",
     "OfferedObject",
     "OtherThing",
@@ -69,6 +75,7 @@ __all__ = [
     "SimilarObjects",
     "StatedFrame",
     "StatedPlace",
+    "StepAnswer",
     "StepTimes",
     "StoredPlan",
     "Taught",
@@ -99,6 +106,9 @@ REPEATABLE = frozenset(
         "claim_step",
         "end_step",
         "cancel_plan",
+        "ask_person",
+        "list_questions",
+        "answer_question",
         "explain_failure",
         "insert_object",
         "report_outcome",
@@ -226,6 +236,19 @@ class SeenThing(TypedDict, total=False):
     """that it is of this product and there; default: 1.0"""
     thing: str
     """IRI of the thing, if the robot knows which one it is; default: decided by place and time"""
+
+
+class OfferedChoice(TypedDict, total=False):
+    """One answer to choose from."""
+
+    code: Required[str]
+    """what the robot does with it, in a code of its own"""
+    text: Required[str]
+    """for people"""
+    place: str
+    """IRI of the place that it names; default: none"""
+    helps: bool
+    """whether the step is expected to succeed with it; default: False"""
 
 
 class StepTimes(TypedDict, total=False):
@@ -883,6 +906,7 @@ class ListedStep(TypedDict):
     claimed_by: str
     why: str
     comment: str
+    question: str
 
 
 class ListedPlan(TypedDict):
@@ -894,6 +918,8 @@ class ListedPlan(TypedDict):
     priority: int
     deadline: float | None
     cancelled: str
+    asking_price: float | None
+    failing_price: float | None
     steps: list[ListedStep]
 
 
@@ -901,6 +927,17 @@ class ListedPlans(TypedDict):
     """Stored plans in the order in which they were stored."""
 
     plans: list[ListedPlan]
+
+
+class StepAnswer(TypedDict):
+    """What came of the last question about a step."""
+
+    question: str
+    kind: str
+    code: str
+    place: str
+    by: str
+    remark: str
 
 
 class WaitingStep(TypedDict):
@@ -926,6 +963,10 @@ class ClaimedStep(TypedDict):
     until: NotRequired[float]
     resumed: NotRequired[bool]
     reason: NotRequired[str]
+    chance: NotRequired[float]
+    answer: NotRequired[StepAnswer | None]
+    asks: NotRequired[bool]
+    asked: NotRequired[list[str]]
     waiting: list[WaitingStep]
 
 
@@ -937,6 +978,65 @@ class EndedStep(TypedDict):
 
 class CancelledPlan(TypedDict):
     """The commit, which can be undone; empty if it was cancelled before."""
+
+    commit: str
+
+
+class AskedPerson(TypedDict):
+    """Whether the question waits for an answer, and why."""
+
+    asked: bool
+    question: str
+    gain: float
+    reason: str
+    commit: str
+
+
+class ListedChoice(TypedDict):
+    """One answer to choose from."""
+
+    number: int
+    code: str
+    text: str
+    place: str
+    helps: bool
+
+
+class ListedQuestion(TypedDict):
+    """A question of a robot."""
+
+    question: str
+    task: str
+    step: str
+    plan: str
+    goal: str
+    robot: str
+    robot_name: str
+    thing: str
+    kind: str
+    text: str
+    reason: str
+    state: str
+    asked: float
+    until: float
+    choices: list[ListedChoice]
+    otherwise: int
+    chosen: int
+    answered_by: str
+    remark: str
+    picture: str
+
+
+class ListedQuestions(TypedDict):
+    """Questions in the order in which they were asked."""
+
+    questions: list[ListedQuestion]
+    helped: int
+    ended: int
+
+
+class AnsweredQuestion(TypedDict):
+    """The commit, which can be undone; empty if the same was answered before."""
 
     commit: str
 
@@ -1666,6 +1766,8 @@ class Calls(ABC):
         priority: int | None = None,
         deadline: float | None = None,
         replaces: str | None = None,
+        asking_price: float | None = None,
+        failing_price: float | None = None,
     ) -> StoredPlan:
         """Store the plan for a goal, so that robots can carry it out.
 
@@ -1685,6 +1787,10 @@ class Calls(ABC):
             Unix time after which no step is begun; default: none (s)
         replaces
             IRI of an earlier plan for the goal, of which nothing more is begun; default: none
+        asking_price
+            what a question to a person costs, in any unit; default: nobody is asked
+        failing_price
+            what a step that fails costs, in the same unit; goes with asking_price
         """
         answer: StoredPlan = self._operate("store_plan", locals())
         return answer
@@ -1774,6 +1880,88 @@ class Calls(ABC):
             name of the person; default: the caller
         """
         answer: CancelledPlan = self._operate("cancel_plan", locals())
+        return answer
+
+    def ask_person(
+        self,
+        *,
+        task: str,
+        kind: str,
+        text: str,
+        choices: Sequence[OfferedChoice | Mapping[str, Any]],
+        otherwise: int | None = None,
+        chance: float | None = None,
+        retries: int | None = None,
+        patience: float | None = None,
+        picture: Bytes | Mapping[str, Any] | None = None,
+        robot: str | None = None,
+    ) -> AskedPerson:
+        """Ask a person about a claimed step, if that is worth its price.
+
+        Parameters
+        ----------
+        task
+            IRI of the step
+        kind
+            code of what is asked, such as act or where; a robot asks once about a step in each
+        text
+            the question
+        choices
+            the answers to choose from
+        otherwise
+            number of the choice that the robot makes where nobody answers in time, from 1; default:
+            1
+        chance
+            that the step succeeds if nobody is asked; default: as planned
+        retries
+            how often the step is tried again where it fails; default: 0
+        patience
+            how long the step waits for an answer (s); default: 600.0
+        picture
+            what the robot sees; default: none
+        robot
+            name or IRI of the robot; default: the caller
+        """
+        answer: AskedPerson = self._operate("ask_person", locals())
+        return answer
+
+    def list_questions(
+        self,
+        *,
+        state: Literal["open", "all"] | None = None,
+    ) -> ListedQuestions:
+        """List what robots ask, with the answers to choose from.
+
+        Parameters
+        ----------
+        state
+            open: those that wait for an answer; default: open
+        """
+        answer: ListedQuestions = self._operate("list_questions", locals())
+        return answer
+
+    def answer_question(
+        self,
+        *,
+        question: str,
+        choice: int,
+        remark: str | None = None,
+        operator: str | None = None,
+    ) -> AnsweredQuestion:
+        """Answer a question of a robot.
+
+        Parameters
+        ----------
+        question
+            IRI of the question
+        choice
+            number of the choice, from 1
+        remark
+            what the person says besides; default: nothing
+        operator
+            name of the person; default: the caller
+        """
+        answer: AnsweredQuestion = self._operate("answer_question", locals())
         return answer
 
     def explain_failure(

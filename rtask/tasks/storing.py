@@ -13,6 +13,7 @@ from rtask.errors import UsageError
 from rtask.rdf.namespaces import PROV, RDF, RDFS, RT, local_name, mint
 from rtask.rdf.terms import NamedNode, Value
 from rtask.tasks.plan import PlannedStep, TaskPlan
+from rtask.tasks.questions.price import Prices
 
 if TYPE_CHECKING:
     from rtask.kb.commit.access import Access
@@ -26,7 +27,7 @@ _Statement = tuple[NamedNode, NamedNode, Value]
 
 @dataclass(frozen=True)
 class Order:
-    """How urgent a plan is, and what it takes the place of.
+    """How urgent a plan is, what it takes the place of, and whether people may be asked.
 
     Parameters
     ----------
@@ -36,11 +37,14 @@ class Order:
         No step is begun later.
     replaces
         IRI of an earlier plan for the same goal.
+    prices
+        Of asking a person and of failing; None = nobody is asked.
     """
 
     priority: int = 0
     deadline: dt.datetime | None = None
     replaces: str = ""
+    prices: Prices | None = None
 
 
 def store_plan(
@@ -90,6 +94,9 @@ def _statements(
         yield root, RT.taskDeadline, order.deadline
     if order.replaces:
         yield root, RT.replacesPlan, NamedNode(order.replaces)
+    if order.prices is not None:
+        yield root, RT.askingPrice, float(order.prices.asking)
+        yield root, RT.failingPrice, float(order.prices.failing)
     for text in plan.assumptions:
         yield root, RT.planAssumption, text
     for robot in sorted({robot for step in plan.steps for robot in step.robots}):

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from rtask.kb.commit.access import Access
 from rtask.tasks.bounds import TIMEOUT_S, Bounds
 from rtask.tasks.plan import TaskPlan
 from rtask.tasks.planner import plan_goal
+from rtask.tasks.queue.asking import answer, is_pending
+from rtask.tasks.queue.reading import read_queue
 from rtask.tasks.storing import Order, store_plan
 
 if TYPE_CHECKING:
-    from rtask.kb.commit.access import Access
     from rtask.kb.core import GraphCore
     from rtask.tasks.diagnosis import Diagnosis
+    from rtask.tasks.questions.question import Question
 
 __all__ = ["Tasks"]
 
@@ -113,3 +117,48 @@ a goal is such as 'every cup into the left box'
             There is no plan, or it has no step.
         """
         return store_plan(self._kb, plan, agent, order=order)[0]
+
+    def questions(self, *, everything: bool = False) -> list[Question]:
+        """Return what robots ask people, in the order of asking.
+
+        Parameters
+        ----------
+        everything
+            Also those that nobody waits for any more.
+        """
+        now = dt.datetime.now(dt.UTC)
+        asked = [
+            (plan, step, question)
+            for plan in read_queue(self._kb) for step in plan.steps for question in step.questions
+        ]  # fmt: skip
+        chosen = [
+            question for plan, step, question in asked
+            if everything or question.state(now, is_pending(plan, step, now)) == "open"
+        ]  # fmt: skip
+        return sorted(chosen, key=lambda question: question.asked)
+
+    def answer(self, question: str, choice: int, agent: str = "operator", remark: str = "") -> None:
+        """Answer a question, so that the robot takes up its step again.
+
+        Parameters
+        ----------
+        question
+            Its IRI.
+        choice
+            Number of the choice, from 1.
+        agent
+            Name of the person.
+        remark
+            What the person says besides.
+
+        Raises
+        ------
+        UnknownTermError
+            No robot asked that.
+        UsageError
+            It has no such choice.
+        ConflictError
+            Somebody answered before, the robot went on without, or the plan has ended.
+        """
+        person = self._kb.graphs.agent_iri(agent, "teacher").value
+        answer(self._kb, question, choice, person, access=Access(agent, "teacher"), remark=remark)

@@ -292,7 +292,7 @@ class Agent:
         )  # fmt: skip
         encounter.attempts.append(attempt)
         track.gone = record.placed
-        track.released = record.kept and record.judged_placed.answer == "unknown"
+        track.released = record.held and record.judged_placed.answer == "unknown"
         track.finished = record.placed or encounter.tries >= self.config.max_attempts
         if record.placed:
             self._pushes.note_move()

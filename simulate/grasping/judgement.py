@@ -29,6 +29,7 @@ __all__ = [
     "judge_old_place",
     "judge_placed",
     "new_cells",
+    "share_left",
 ]
 
 Answer = Literal["yes", "no", "unknown"]
@@ -47,6 +48,8 @@ _MIN_NEW_CELLS, _HEAPED_SHARE = 4, 0.5
 _PUSHED_SHARE = 0.25
 """Share of the object's volume by which what lies in a box that was pushed about must have grown:
 what only tipped over covers other cells, and more of them, but does not grow."""
+_ON_TABLE_SHARE = 0.5
+"""Share of the object's volume from which on it counts as lying on the table."""
 _MIN_SEEN_SHARE, _ALL_SEEN_SHARE = 0.15, 0.75
 _MIN_OLD_CELLS = 4
 _GONE_SHARE = 0.30
@@ -191,6 +194,11 @@ class HeightMap:
         """Occupied cells (nx, ny)."""
         return np.asarray(np.nan_to_num(self.heights, nan=0.0) > _OCCUPIED_M)
 
+    @property
+    def volume(self) -> float:
+        """Of what is seen on the floor, m3."""
+        return float(self.heights[self.occupied].sum()) * _CELL_M**2
+
     def within(self, x: float, y: float, yaw: float, length: float, width: float) -> NDArray[Any]:
         """Return the cells (nx, ny) whose middles lie in a turned rectangle, m and rad."""
         index = np.indices(self.heights.shape).transpose(1, 2, 0)
@@ -212,7 +220,11 @@ def new_cells(before: HeightMap, after: HeightMap) -> NDArray[np.bool_]:
 
 
 def judge_placed(
-    is_gripped: bool, before: HeightMap, after: HeightMap, volume: float = np.inf
+    is_gripped: bool,
+    before: HeightMap,
+    after: HeightMap,
+    volume: float = np.inf,
+    on_table: float = 0.0,
 ) -> Judgement:
     """Judge whether an object arrived at its destination.
 
@@ -227,11 +239,15 @@ def judge_placed(
     is_gripped
         Whether the hand still held something at the end of the transport. If not, what is new at
         the place may be an object that leans on its rim, or what the object pushed about, unless
-        there is as much of it as of the object.
+        there is as much of it as of the object; and that nothing is new there says that it is
+        elsewhere only where the whole place is seen.
     before, after
         The place before the grasp, and after the arm has returned home.
     volume
         Of the object, m3; inf = not known.
+    on_table
+        Share of the object that has not left the table beside the place: if it is half of it or
+        more, the object lies there. 0 if that is not known.
     """
     if not (before.is_seen and after.is_seen):
         return Judgement("unknown", "the place is out of view")
@@ -246,9 +262,31 @@ def judge_placed(
     pushed = went >= _MIN_NEW_CELLS and np.isfinite(volume)
     if arrived and pushed and not (is_gripped and heaped >= _PUSHED_SHARE * volume):
         return Judgement("unknown", f"{evidence}, what lay there was pushed about")
-    if is_gripped and not arrived and seen[1:-1, 1:-1].mean() < _ALL_SEEN_SHARE:
+    if arrived:
+        return Judgement("yes", evidence)
+    if not is_gripped and on_table > _ON_TABLE_SHARE:
+        return Judgement("no", f"{evidence}, it is on the table")
+    if seen[1:-1, 1:-1].mean() < _ALL_SEEN_SHARE:
         return Judgement("unknown", f"{evidence}, a part of the place is hidden")
-    return Judgement("yes" if arrived else "no", evidence)
+    if not is_gripped and came - went >= _MIN_NEW_CELLS:
+        return Judgement("unknown", f"{evidence}, a part of it may lie there")
+    return Judgement("no", evidence)
+
+
+def share_left(before: HeightMap, after: HeightMap, volume: float) -> float:
+    """Return the share of an object that has not left a place, by what the place lost in volume.
+
+    Whatever else was only moved about within the place neither adds to it nor takes from it.
+
+    Parameters
+    ----------
+    before, after
+        The place with the object, and after it was taken away.
+    volume
+        Of the object as it was seen there, m3.
+    """
+    change = float(np.nansum(after.heights - before.heights)) * _CELL_M**2
+    return max(1.0 + change / volume, 0.0) if volume > 0 else 0.0
 
 
 def judge_old_place(before: HeightMap, after: HeightMap) -> Judgement:

@@ -21,7 +21,7 @@ from simulate.world.objects import ObjectSpec
 from simulate.world.scene import Placement, arrange, arrange_in_reach
 from simulate.world.world import PlaceBox
 
-__all__ = ["TableReach", "arrange_for", "requests_for"]
+__all__ = ["TableReach", "arrange_for", "requests_for", "takes_full_poses"]
 
 _ROUND_FROM_ABOVE = frozenset({"can", "ball", "bottle"})
 _ANGLES = np.deg2rad(np.arange(0, 180, 15))
@@ -35,6 +35,11 @@ _FREE_JOINTS = 6
 """Joints with which an arm closes in any direction."""
 
 
+def takes_full_poses(robot: RobotDescription) -> bool:
+    """Tell whether all arms of a robot have the joints to bring their hand to any pose in reach."""
+    return min(len(arm.joints) for arm in robot.arms.values()) >= _FREE_JOINTS
+
+
 def arrange_for(
     robot: RobotDescription, specs: Sequence[ObjectSpec], rng: np.random.Generator
 ) -> list[Placement]:
@@ -42,7 +47,7 @@ def arrange_for(
 
     Only an arm of fewer than six joints asks for more than the area of the workplace.
     """
-    if min(len(arm.joints) for arm in robot.arms.values()) >= _FREE_JOINTS:
+    if takes_full_poses(robot):
         return arrange(specs, rng, workplace=robot.workplace)
     return arrange_in_reach(specs, rng, TableReach(robot), robot.workplace)
 

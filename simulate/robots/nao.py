@@ -157,7 +157,13 @@ _CAMERA = CameraMount(
     "CameraDepth3",
     "CameraDepth3_frame",
     Pose(),
-    look={"left": (0.45, 0.42), "right": (-0.45, 0.42), "ahead": (0.0, 0.50)},
+    look={
+        "left": (0.45, 0.42),
+        "right": (-0.45, 0.42),
+        "ahead": (0.0, 0.50),
+        "box_left": (0.70, 0.37),
+        "box_right": (-0.70, 0.37),
+    },
 )
 
 
@@ -347,7 +353,8 @@ def _arm(side: int) -> Arm:
         tcp=(0.083, 0.0, -0.024),
         approach=(cos, 0.0, -sin),
         closing=(sin, 0.0, cos),
-        home=(0.05, 1.1 * side, 0.2 * side, -0.8 * side, 0.85 * side),
+        # Aside, so that it hides nothing of its box from the head.
+        home=(-0.04, 1.24 * side, 0.13 * side, -0.62 * side, 0.85 * side),
         end_effector=f"nao_{word}_hand",
         fingers=tuple(prefix + name for name in facts.PHALANGES),
         finger_range=facts.PHALANX_RANGE,

@@ -46,7 +46,12 @@ _DRAWS = 5
 _FRICTION, _MASS_FACTOR = (0.03, 0.8), (1.0, 8.0)
 _POSITION_ERROR, _ANGLE_ERROR_RAD = 0.2, 0.17
 """Standard deviations; the position error as a share of the width of the open hand."""
-_HIDDEN: tuple[HiddenKind, ...] = ("bar", "flask", "carton")
+_HIDDEN: Mapping[str, tuple[HiddenKind, ...]] = {
+    "hard": ("bar", "flask", "carton"),
+    "light": ("carton", "rod"),
+    "fragile": ("carton", "carton", "rod", "carton"),
+}
+"""Kinds that boxes are filled with, by the name of the set; each kind is drawn anew."""
 _IN_A_BOX = 4
 _OFF_MIDDLE = 0.36
 """Of a product's length, the farthest from its middle that it is held."""
@@ -67,12 +72,13 @@ def judging_study(
     difficult
         Share of attempts with random friction, mass and grasp error.
     products
-        ``plain``: single objects; ``hard``: boxes filled with products with a secret, of which
-        none is made more difficult.
+        ``plain``: single objects; any other set: boxes filled with products with a secret, of
+        which none is made more difficult.
     """
     name = "own judgement against the truth"
     settings: dict[str, Any] = {"seed": seed, "robot": robot, "preset": preset}
-    if products == "hard":
+    if products != "plain":
+        settings["products"] = products
         return Study(name, "simulate.study.judging:filling_trial", settings, trials, _describe)
     settings["difficult"] = difficult
     return Study(name, "simulate.study.judging:judging_trial", settings, trials, _describe)
@@ -82,31 +88,49 @@ def filling_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """Fill one box with products with a secret; return the attempts, judged and scored.
 
     Each stands alone on the table, at a place and in a direction of its own, is held somewhere
-    along its length, and is taken away if it is not in the box afterwards.
+    along its length, and is taken away if it is not in the box afterwards. One that turns out to
+    be out of reach is put elsewhere, a few times.
     """
-    seed, robot = int(settings["seed"]), str(settings["robot"])
+    seed, kinds = int(settings["seed"]), _HIDDEN[str(settings["products"])]
     rng, side = stream(seed, _FILL, number), 1 if number % 2 else -1
     specs = [
-        product(_HIDDEN[int(k)], int(rng.integers(_PRODUCTS_OF_A_KIND)))
-        for k in rng.integers(len(_HIDDEN), size=_IN_A_BOX)
+        product(kinds[int(k)], int(rng.integers(_PRODUCTS_OF_A_KIND)))
+        for k in rng.integers(len(kinds), size=_IN_A_BOX)
     ]
     attempts = []
     with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
         body = SimulatedBody([], Path(assets), _conditions(settings, number))
         try:
-            for attempt in specs:
-                (placement,) = arrange([attempt], rng, [side], workplace=describe(robot).workplace)
-                (laid,) = lay(body.world, [placement], Path(assets))
-                off = float(rng.uniform(-_OFF_MIDDLE, _OFF_MIDDLE)) * attempt.extent[0]
-                request = _held_off_middle(grasp_across(body, placement), placement, off)
-                attempts.append({"product": attempt.name, **_attempt(body, request, number)})
-                if attempts[-1].get("truth", {}).get("placed") is not True:
-                    body.world.remove(laid.body)
+            for spec in specs:
+                for _ in range(_DRAWS):
+                    tried = _put_into_box(body, spec, side, rng, Path(assets), number)
+                    if tried["planned"]:
+                        break
+                attempts.append({"product": spec.name, **tried})
         finally:
             body.close()
     placed = sum(attempt["placed"] == "yes" for attempt in attempts if attempt["planned"])
     says = f"{placed} of {len(attempts)} placed"
-    return {"robot": robot, "attempts": attempts, "says": says}
+    return {"robot": settings["robot"], "attempts": attempts, "says": says}
+
+
+def _put_into_box(
+    body: SimulatedBody,
+    spec: ObjectSpec,
+    side: int,
+    rng: np.random.Generator,
+    assets: Path,
+    number: int,
+) -> dict[str, Any]:
+    """Lay one product at a random place and try it; take it away if it is not in the box then."""
+    (placement,) = arrange([spec], rng, [side], workplace=body.robot.description.workplace)
+    (laid,) = lay(body.world, [placement], assets)
+    off = float(rng.uniform(-_OFF_MIDDLE, _OFF_MIDDLE)) * spec.extent[0]
+    request = _held_off_middle(grasp_across(body, placement), placement, off)
+    tried = _attempt(body, request, number)
+    if tried.get("truth", {}).get("placed") is not True:
+        body.world.remove(laid.body)
+    return tried
 
 
 def _held_off_middle(request: GraspRequest, placement: Placement, off_m: float) -> GraspRequest:

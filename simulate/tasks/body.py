@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
-__all__ = ["Deed", "TaskBody"]
+__all__ = ["Deed", "Seeing", "TaskBody"]
 
 
 @dataclass(frozen=True)
@@ -56,3 +56,11 @@ class TaskBody(Protocol):
 
     def give(self, item: str, hand: str, target: str) -> Deed:
         """Give a held thing into the hand of another robot."""
+
+
+@runtime_checkable
+class Seeing(Protocol):
+    """A body with a camera, whose pictures go with what it asks people."""
+
+    def picture(self) -> bytes | None:
+        """Return what it sees now as PNG or JPEG; None if it sees nothing."""

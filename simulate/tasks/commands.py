@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import click
 
 from rtask.cli.connection import connection
 from rtask.cli.options import agent_option, data_option, server_option
+from rtask.cli.tasks.plan import ASKING_HELP, FAILING_HELP
+from rtask.tasks.queue.asking import MAX_PATIENCE_S, PATIENCE_S
 from simulate import options
 from simulate.tasks.executor import Turn
 
 __all__ = ["tasks"]
+
+_LOOK_S = 1.0
+"""How often robots look for answers while they have nothing else to do."""
+
+
+def _wait() -> bool:
+    time.sleep(_LOOK_S)
+    return True
 
 
 @click.command()
@@ -26,6 +37,12 @@ __all__ = ["tasks"]
     help="Chance that a thing slips from the hand.",
 )  # fmt: skip
 @click.option("--decline", metavar="WORDS", help="Say no to steps whose text contains this.")
+@click.option("--asking-price", type=click.FloatRange(0), help=ASKING_HELP)
+@click.option("--failing-price", type=click.FloatRange(0), help=FAILING_HELP)
+@click.option(
+    "--patience", type=click.FloatRange(0.001, MAX_PATIENCE_S), default=PATIENCE_S,
+    show_default=True, help="How long a step waits for the answer of a person, s.",
+)  # fmt: skip
 @options.json_flag("goals and steps")
 def tasks(
     words: tuple[str, ...],
@@ -35,6 +52,9 @@ def tasks(
     seed: int,
     slip: float,
     decline: str | None,
+    asking_price: float | None,
+    failing_price: float | None,
+    patience: float,
     as_json: bool,
 ) -> None:
     """Let simulated robots carry out stored plans, and one for GOAL if it is given.
@@ -60,15 +80,18 @@ def tasks(
     with connection(data, server) as planner:
         lab = read_lab(planner.query, np.random.default_rng(seed), slip)
         if words:
-            planner.call("store_plan", goal=" ".join(words), agent=agent)
+            planner.call(
+                "store_plan", goal=" ".join(words), agent=agent,
+                asking_price=asking_price, failing_price=failing_price,
+            )  # fmt: skip
         robots = {
             robot: Executor(
                 planner, lab.robot(robot), robot,
-                may=lambda text: not (decline and decline in text),
+                may=lambda text: not (decline and decline in text), patience_s=patience,
             )
             for robot in sorted(lab.hands)
         }  # fmt: skip
-        ended = Crew(planner, robots, tell, agent).work()
+        ended = Crew(planner, robots, tell, agent, wait=_wait).work()
     if as_json:
         goals = [
             {"goal": run.goal, "result": run.result, "repairs": run.repairs, "comment": run.comment}

@@ -11,10 +11,10 @@ from typing import Any
 from rtask.errors import ConflictError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.executor import Executor, Graph, Turn
+from simulate.tasks.questions import MAX_REPAIRS
 
 __all__ = ["Crew", "Ended"]
 
-_MAX_REPAIRS = 12
 _MAX_ROUNDS = 10_000
 
 
@@ -54,12 +54,16 @@ class Crew:
         Called with each turn in which a robot did something, and its IRI.
     agent
         In whose name plans are made again; None for the planner's own.
+    wait
+        Called when robots have nothing to do but to wait for answers of people; returns whether to
+        look again. By default the work ends there, and can be taken up again.
     """
 
     planner: Graph
     robots: Mapping[str, Executor]
     tell: Callable[[str, Turn], None] = lambda robot, turn: None
     agent: str | None = None
+    wait: Callable[[], bool] = lambda: False
     ended: list[Ended] = field(default_factory=list)
     repair_s: list[float] = field(default_factory=list)
     """Processor time of each repair, s."""
@@ -80,7 +84,7 @@ class Crew:
             turns = [self._turn(robot) for robot in self.robots]
             if all(turn.result == "idle" for turn in turns):
                 stuck = {plan for turn in turns for plan in turn.stuck}
-                if not self._settle(stuck):
+                if not self._settle(stuck) and not (self._is_asking() and self.wait()):
                     break
         return self.ended
 
@@ -89,6 +93,11 @@ class Crew:
         if turn.result != "idle":
             self.tell(robot, turn)
         return turn
+
+    def _is_asking(self) -> bool:
+        """Whether a step waits for the answer of a person."""
+        plans = self.planner.call("list_plans", state="open")["plans"]
+        return any(step["question"] for plan in plans for step in plan["steps"])
 
     def _settle(self, stuck: set[str]) -> bool:
         """End or repair every open plan that nobody works on; return whether any goes on."""
@@ -125,8 +134,8 @@ class Crew:
         """Plan the goal again from the graph as it is; return whether there is more to do."""
         goal = plan["goal"]
         self._repairs[goal] += 1
-        if self._repairs[goal] > _MAX_REPAIRS:
-            return self._give_up(plan, f"it was planned again {_MAX_REPAIRS} times")
+        if self._repairs[goal] > MAX_REPAIRS:
+            return self._give_up(plan, f"it was planned again {MAX_REPAIRS} times")
         self._look_for(plan)
         try:
             again = self.planner.call("plan_goal", goal=goal)
@@ -139,6 +148,7 @@ class Crew:
             self.planner.call(
                 "store_plan", goal=goal, digest=again["digest"], replaces=plan["task"],
                 priority=plan["priority"], deadline=plan["deadline"], agent=self.agent,
+                asking_price=plan["asking_price"], failing_price=plan["failing_price"],
             )  # fmt: skip
         except ConflictError:
             return True  # the graph has changed meanwhile: the next round plans again

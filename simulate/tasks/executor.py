@@ -1,8 +1,9 @@
 """One robot carries out steps of stored plans: claim, look, act, report, end.
 
-Whatever it did last, it can be killed anywhere and started again: it gets the step that it had, and
-looks whether that was done before it does anything. Reports have ids made of the step, so that each
-is stored once.
+Where a plan has prices of asking and of failing, it asks people about steps that are likely to fail
+and takes other steps until they answer. Whatever it did last, it can be killed anywhere and started
+again: it gets the step that it had, and looks first whether that was done. Reports
+have ids made of the step, so that each is stored once.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ from typing import Any, Protocol
 
 from rtask.errors import ConflictError
 from rtask.rdf.namespaces import PREFIXES
+from rtask.tasks.queue.asking import PATIENCE_S
 from simulate.tasks.actions import TaskAction, available_actions
-from simulate.tasks.body import Deed, TaskBody
+from simulate.tasks.body import Deed, Seeing, TaskBody
+from simulate.tasks.questions import Reply, about_acting, about_place, read_reply
 
 __all__ = ["Executor", "Graph", "Turn"]
 
@@ -39,7 +42,8 @@ class Turn:
     Parameters
     ----------
     result
-        done, failed, declined, lost (the claim went to another robot); idle without a step.
+        done, failed, declined, lost (the claim went to another robot), asked (the step waits for a
+        person), released (a person said where the thing is); idle without a step.
     task, text, comment
         The step, and what happened.
     stuck
@@ -68,6 +72,8 @@ class Executor:
         Asks a person whether a step may be carried out; by default nobody objects.
     actions
         What it can carry out, by the IRI of the class; None = all that is installed.
+    patience_s
+        How long a step waits for the answer of a person.
     """
 
     def __init__(
@@ -77,9 +83,11 @@ class Executor:
         robot: str | None = None,
         may: Callable[[str], bool] = lambda text: True,
         actions: Mapping[str, TaskAction] | None = None,
+        patience_s: float = PATIENCE_S,
     ) -> None:
         self.graph, self.body, self.robot, self._may = graph, body, robot, may
         self.actions = available_actions() if actions is None else actions
+        self._patience_s = patience_s
 
     def turn(self) -> Turn:
         """Carry out one step if there is one."""
@@ -95,20 +103,56 @@ class Executor:
             return self._done_before(claim, action, target)
         if not self._may(claim["text"]):
             return self._end(claim, "declined", "a person said no")
+        reply = read_reply(claim)
+        if reply.does == "end":
+            return self._end(claim, reply.result, reply.comment, place=reply.place, lost=reply.lost)
+        if reply.does == "look" and item and target and self.body.sees(item, target):
+            return self._end(claim, "done", reply.comment, place=target)
         missing = action.missing(self.body, claim["arguments"])
         if missing:
-            return self._failed(claim, missing)
-        deed = action.carry_out(self.body, claim["arguments"])
-        if deed.success:
-            return self._done(claim, action, deed, "")
-        if action.is_grasp:
-            self._report(claim, deed)
-        return self._failed(claim, deed.reason, reported=action.is_grasp)
+            return self._missed(claim, missing)
+        return self._asked(claim, about_acting) or self._act(claim, action, reply)
 
-    def _done(self, claim: Mapping[str, Any], action: TaskAction, deed: Deed, comment: str) -> Turn:
-        reported = action.is_grasp and self._report(claim, deed)
-        target = action.target(claim["arguments"])
-        return self._end(claim, "done", comment, place=target or None, reported=reported)
+    def _missed(self, claim: Mapping[str, Any], missing: str) -> Turn:
+        """Ask where a thing is that the robot sees nowhere, or end the step."""
+        item = claim["arguments"].get("thing", "")
+        if item and self.body.find(item) is None:
+            asked = self._asked(claim, lambda step: about_place(step, missing, self.graph.query))
+            if asked is not None:
+                return asked
+        return self._failed(claim, missing)
+
+    def _act(self, claim: Mapping[str, Any], action: TaskAction, reply: Reply) -> Turn:
+        """Act and report; what a person helped with says nothing about the grasp alone."""
+        counts = action.is_grasp and reply.does != "try"
+        deed = action.carry_out(self.body, claim["arguments"])
+        reported = counts and self._report(claim, deed)
+        if not deed.success:
+            return self._failed(claim, deed.reason, reported=reported)
+        comment = reply.comment if reply.does == "try" else ""
+        place = action.target(claim["arguments"]) or None
+        return self._end(claim, "done", comment, place=place, reported=reported)
+
+    def _asked(
+        self, claim: Mapping[str, Any], question: Callable[[Mapping[str, Any]], dict[str, Any]]
+    ) -> Turn | None:
+        """Ask a person if the plan has prices for which that is worth it; each thing once."""
+        if not claim["asks"]:
+            return None
+        fields = question(claim)
+        if fields["kind"] in claim["asked"]:
+            return None
+        picture = self.body.picture() if isinstance(self.body, Seeing) else None
+        try:
+            asked = self.graph.call(
+                "ask_person", task=claim["task"], patience=self._patience_s, picture=picture,
+                **fields, **self._who(),
+            )  # fmt: skip
+        except ConflictError as error:
+            return Turn("lost", claim["task"], claim["text"], str(error))
+        if not asked["asked"]:
+            return None
+        return Turn("asked", claim["task"], claim["text"], fields["text"])
 
     def _done_before(self, claim: Mapping[str, Any], action: TaskAction, target: str) -> Turn:
         """End a step that was done before the robot was started again.

@@ -14,6 +14,7 @@ import numpy as np
 
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.body import Deed
+from simulate.tasks.picture import draw_places
 
 __all__ = ["Lab", "LabRobot", "read_lab"]
 
@@ -37,6 +38,8 @@ class Lab:
         Of all chances.
     slip
         Chance that a thing slips from the hand when it is picked up.
+    slips
+        The same of single things, by IRI.
     on_deed, on_done
         Called before each action, and after it took effect, with the robot, the action and the
         thing; events of a study.
@@ -47,6 +50,7 @@ class Lab:
     hands: Mapping[str, Mapping[str, str]]
     rng: np.random.Generator
     slip: float = 0.0
+    slips: Mapping[str, float] = field(default_factory=dict)
     on_deed: Callable[[str, str, str], None] = lambda robot, action, item: None
     on_done: Callable[[str, str, str], None] = lambda robot, action, item: None
     done: list[tuple[str, str, str]] = field(default_factory=list)
@@ -55,6 +59,8 @@ class Lab:
     """Robots whose arm is out of order."""
     shut: set[str] = field(default_factory=set)
     """Places behind a shut door, which nobody sees or reaches."""
+    helped: set[str] = field(default_factory=set)
+    """Things with which a person helped, so that they do not slip."""
 
     def robot(self, iri: str) -> LabRobot:
         """Return a robot of the lab."""
@@ -99,6 +105,15 @@ class LabRobot:
             return False
         return place in self.hands or place in self.lab.reach[self.iri]
 
+    def picture(self) -> bytes:
+        """Return its places with what stands there, and its hands, drawn as PNG."""
+        within = sorted(self.lab.reach[self.iri] - self.lab.shut)
+        there = {
+            place: sorted(item for item, at in self.lab.where.items() if at == place)
+            for place in (*within, *self.hands)
+        }
+        return draw_places(there)
+
     def find(self, item: str) -> str | None:
         """Look for a thing wherever the robot reaches, and in its hands."""
         at = self.lab.where.get(item)
@@ -112,7 +127,8 @@ class LabRobot:
             return Deed(False, "hardware", took)
         if not self.sees(item, place) or self.lab.in_hand(hand) is not None:
             return Deed(False, "missed", took)
-        if self.lab.rng.random() < self.lab.slip:
+        slip = 0.0 if item in self.lab.helped else self.lab.slips.get(item, self.lab.slip)
+        if self.lab.rng.random() < slip:
             return Deed(False, "slip_lift", took, 0.01)
         self.lab.where[item] = hand
         self.lab.finish(self.iri, "pick", item)

@@ -60,7 +60,7 @@ class Eyes:
         Parameters
         ----------
         side
-            ``left``, ``right`` or ``ahead``.
+            ``left``, ``right`` or ``ahead``; or another direction of the camera.
         camera
             Name of the camera; None = the robot's first.
 
@@ -96,10 +96,14 @@ class Eyes:
     def box_points(self, side: str) -> Floats:
         """Return the points (n, 3), m, base frame, of a look at the box of one side.
 
-        A camera named after the box takes the frame where the robot has one.
+        A camera named after the box takes the frame where the robot has one; a head that has a
+        direction of that name turns to the box.
         """
-        name = f"box_{side}"
-        return self._points(side, name if name in self._robot.description.cameras else None)
+        name, cameras = f"box_{side}", self._robot.description.cameras
+        if name in cameras:
+            return self._points(side, name)
+        first = next(iter(cameras.values()))
+        return self._points(name if name in first.look else side, None)
 
     def _points(self, side: str, camera: str | None) -> Floats:
         frame, base_from_camera = self.look(side, camera)

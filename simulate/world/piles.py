@@ -1,4 +1,4 @@
-"""Things that touch and lie on each other: dropped onto the table, and pushed together there."""
+"""Things that touch: dropped onto the table and pushed together there, or shifted until they do."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from simulate.world.world import World
 
-__all__ = ["drop", "touching_pairs"]
+__all__ = ["close_gaps", "drop", "touching_pairs"]
 
 _FALL_M, _OFF_MIDDLE_M = 0.03, 0.04
 _FIRST_HALF_M, _INWARDS_M_S = 0.12, 0.08
@@ -18,6 +18,7 @@ _STEP_S, _REST_S = 0.05, 3.0
 _STILL_M_S = 0.01
 _WALL_M, _WALL_HEIGHT_M = 0.02, 0.5
 _PARKED_M = -5.0
+_TOUCH_M, _SHIFTS, _FAR_M = 0.0003, 60, 1.0
 
 
 def drop(
@@ -62,6 +63,42 @@ def drop(
     _push_together(world, walls, centre, half)
     for wall in walls.values():
         client.removeBody(wall)
+    _rest(world, bodies)
+
+
+def close_gaps(world: World, bodies: Sequence[int], centre: tuple[float, float]) -> None:
+    """Shift things along the table until each touches another, the innermost first.
+
+    Each goes as far as the nearest of those before it, and keeps its orientation.
+
+    Parameters
+    ----------
+    bodies
+        Standing apart on the table.
+    centre
+        Of the group, m; the thing nearest to it stays where it is.
+    """
+    client = world.client
+
+    def away(body: int) -> float:
+        pose = world.object_pose(body)
+        return float(np.hypot(pose.x - centre[0], pose.y - centre[1]))
+
+    def gap(body: int, other: int) -> float:
+        points = client.getClosestPoints(body, other, _FAR_M)
+        return min((float(point[8]) for point in points), default=_FAR_M)
+
+    placed: list[int] = []
+    for body in sorted(bodies, key=away):
+        for _ in range(_SHIFTS if placed else 0):
+            free, other = min((gap(body, one), one) for one in placed)
+            if free < _TOUCH_M:
+                break
+            position, turn = client.getBasePositionAndOrientation(body)
+            way = np.array(client.getBasePositionAndOrientation(other)[0][:2]) - position[:2]
+            x, y = position[:2] + free * way / np.linalg.norm(way)
+            client.resetBasePositionAndOrientation(body, (x, y, position[2]), turn)
+        placed.append(body)
     _rest(world, bodies)
 
 

@@ -34,6 +34,7 @@ PATHS = (
     "/operations/register_robot", "/admin/tokens", "/admin/audit", "/admin/queries",
     "/admin/proposals", "/openapi",
     "/world", "/world?at=2026-01-01T12:30:00Z", "/plan", "/plan?goal=every+mug+into+the+box",
+    "/questions",
 )  # fmt: skip
 SOME_PATHS = ("/sparql", f"/object?iri={OBJECT}", "/feedback")
 MIN_CONTRAST = 4.5

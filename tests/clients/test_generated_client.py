@@ -142,8 +142,16 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
     call("withdraw_contributor", {"contributor": "generated-1"})
     goal = {"goal": "every cup into the left box"}
     plan = call("plan_goal", goal).to_dict()
-    stored = call("store_plan", {**goal, "digest": plan["digest"]}).to_dict()["task"]
+    prices = {"asking_price": 1, "failing_price": 60}
+    stored = call("store_plan", {**goal, **prices, "digest": plan["digest"]}).to_dict()["task"]
     step = call("claim_step", {"robot": "urn:lab/robot/panda-1"}).to_dict()
+    offered = [{"code": "go_on", "text": "try it"}, {"code": "leave", "text": "leave it"}]
+    unsure = {"task": step["task"], "kind": "act", "text": "shall I?", "choices": offered}
+    asked = call("ask_person", {"robot": "urn:lab/robot/panda-1", **unsure, "chance": 0.0})
+    (question,) = call("list_questions", {}).to_dict()["questions"]
+    assert question["question"] == asked.to_dict()["question"]
+    call("answer_question", {"question": question["question"], "choice": 1})
+    call("claim_step", {"robot": "urn:lab/robot/panda-1"})
     call("state_place", {"thing": "urn:lab/thing/1", "place": "urn:lab/robot/panda-1/hand"})
     pose = {"position": dict.fromkeys("xyz", 0.5), "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
     for more in ({"frame": "map"}, {"frame": "table", "parent": "map", "pose": pose}):

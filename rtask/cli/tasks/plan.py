@@ -20,9 +20,13 @@ from rtask.cli.options import (
 )
 from rtask.errors import UsageError
 from rtask.rdf.terms import moment
+from rtask.tasks.questions.price import Prices
 from rtask.tasks.storing import Order
 
-__all__ = ["plan"]
+__all__ = ["ASKING_HELP", "FAILING_HELP", "plan"]
+
+ASKING_HELP = "What a question to a person costs, in any unit; without, nobody is asked."
+FAILING_HELP = "What a step that fails costs, in the unit of --asking-price."
 
 
 @click.command()
@@ -45,6 +49,8 @@ __all__ = ["plan"]
     help="With --store: plans with a greater one are begun first.",
 )  # fmt: skip
 @click.option("--deadline", metavar="TIME", help="With --store: no step is begun later, ISO 8601.")
+@click.option("--asking-price", type=click.FloatRange(0), help=f"With --store: {ASKING_HELP}")
+@click.option("--failing-price", type=click.FloatRange(0), help=f"With --store: {FAILING_HELP}")
 @click.option("--pddl", is_flag=True, help="Print domain and problem for other planners.")
 @click.option("--behaviour-tree", is_flag=True, help="Print the XML of BehaviorTree.CPP 4.")
 @json_option
@@ -58,6 +64,8 @@ def plan(
     store: bool,
     priority: int,
     deadline: str | None,
+    asking_price: float | None,
+    failing_price: float | None,
     pddl: bool,
     behaviour_tree: bool,
     as_json: bool,
@@ -76,10 +84,11 @@ def plan(
         raise UsageError("give one of --json, --pddl and --behaviour-tree")
     form = forms[0] if forms else "words"
     goal = {"goal": " ".join(words), "assume_reach": assume_reach}
-    if (priority or deadline) and not store:
-        raise UsageError("--priority and --deadline are for --store")
+    prices = _prices(asking_price, failing_price)
+    if (priority or deadline or prices) and not store:
+        raise UsageError("--priority, --deadline and prices are for --store")
     due = None if deadline is None else moment(deadline)
-    order = Order(priority, due) if store else None
+    order = Order(priority, due, prices=prices) if store else None
     if server:
         result = _plan_there(goal, server, agent, order, form)
     else:
@@ -90,6 +99,14 @@ def plan(
         announce_undo("undo", result["commit"])
     if not result["complete"]:
         raise SystemExit(1)
+
+
+def _prices(asking: float | None, failing: float | None) -> Prices | None:
+    if asking is None and failing is None:
+        return None
+    if asking is None or failing is None:
+        raise UsageError("give --asking-price and --failing-price, or neither")
+    return Prices(asking, failing)
 
 
 def _plan_here(
@@ -119,6 +136,8 @@ def _plan_there(
             stored = client.call(
                 "store_plan", **goal, digest=answer["digest"], agent=agent,
                 priority=order.priority, deadline=due,
+                asking_price=order.prices and order.prices.asking,
+                failing_price=order.prices and order.prices.failing,
             )  # fmt: skip
             answer |= {"task": stored["task"], "commit": stored["commit"]}
     return answer

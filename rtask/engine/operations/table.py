@@ -25,6 +25,7 @@ from rtask.engine.operations.resolution.resolve import resolve_request
 from rtask.engine.operations.robots import register_robot
 from rtask.engine.operations.search import search_object
 from rtask.engine.operations.tasks.plan import plan_goal, store_plan
+from rtask.engine.operations.tasks.questions import answer_question, ask_person, list_questions
 from rtask.engine.operations.tasks.queue import cancel_plan, claim_step, end_step, list_plans
 from rtask.engine.operations.tasks.why import explain_failure
 from rtask.engine.operations.teach import teach_object
@@ -57,6 +58,9 @@ _ALL: tuple[Operation[Any, Any], ...] = (
     claim_step,
     end_step,
     cancel_plan,
+    ask_person,
+    list_questions,
+    answer_question,
     explain_failure,
     insert_object,
     report_outcome,

@@ -92,7 +92,7 @@ def choose(
             continue
         missing = failing(step)
         if missing:
-            is_idle = all(other.claim(now) is None for other in plan.steps)
+            is_idle = all(other.state(now) not in ("claimed", "asked") for other in plan.steps)
             waits.append(
                 Wait(plan.task, step.task, step.text, f"it does not hold that {missing}", is_idle)
             )
@@ -120,7 +120,7 @@ def _in_order(
         if plan.deadline is not None and now >= plan.deadline:
             continue
         for step in plan.steps:
-            if robot in step.robots and step.state(now) == "waiting":
+            if robot in step.robots and step.state(now) in ("waiting", "asked"):
                 yield plan, step
 
 
@@ -128,6 +128,9 @@ def _what_it_waits_for(
     plan: QueuedPlan, step: QueuedStep, now: dt.datetime, busy: Mapping[str, str],
     names: Mapping[str, str],
 ) -> str:  # fmt: skip
+    asked = step.open_question(now)
+    if asked is not None:
+        return f"a person is asked: {asked.text}"
     by_task = {other.task: other for other in plan.steps}
     before = [by_task[task] for task in step.after if task in by_task]
     pending = next((other for other in before if not other.is_done), None)

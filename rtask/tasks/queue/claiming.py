@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from rtask.kb.commit.commit import Commit
     from rtask.kb.core import GraphCore
 
-__all__ = ["LEASE_S", "MAX_LEASE_S", "RESULTS", "cancel_plan", "claim_step", "end_claim", "failing"]
+__all__ = ["LEASE_S", "MAX_LEASE_S", "RESULTS", "cancel_plan", "claim_step", "end_claim", "failing",
+           "live_claim"]  # fmt: skip
 
 Statement = tuple[NamedNode, NamedNode, Value]
 Statements = Iterable[Statement]
@@ -145,17 +146,11 @@ def end_claim(
     time = now or dt.datetime.now(dt.UTC)
     actions = read_actions(kb.select, kb.catalogue.is_ontology) if result == "done" else ()
     with kb.transaction(access=access, note=f"end a claim: {result}") as tx:
-        step = _step(read_queue(kb), task)
-        mine = [claim for claim in step.claims if claim.robot == robot]
-        if not mine:
-            raise ConflictError(f"{robot} has not claimed {task}")
-        claim, other = mine[-1], step.claim(time)
-        if claim.result == result:
+        plans = read_queue(kb)
+        last = _last_claim(_step(plans, task)[1], robot)
+        if last is not None and last.result == result:
             return None
-        if claim.result:
-            raise ConflictError(f"the claim of {task} ended before: {claim.result}")
-        if other is not None and other.robot != robot:
-            raise ConflictError(f"the claim of {task} ran out, and {other.robot} has it now")
+        _, step, claim = live_claim(plans, robot, task, time)
         tx.add(claim.iri, PROV.endedAtTime, max(time, claim.begun))
         tx.add(claim.iri, RT.claimResult, result)
         if comment:
@@ -187,11 +182,39 @@ def _effects(patterns: Sequence[Pattern], step: QueuedStep) -> Iterator[Statemen
             yield subject, prop, value
 
 
-def _step(plans: Sequence[QueuedPlan], task: str) -> QueuedStep:
+def live_claim(
+    plans: Sequence[QueuedPlan], robot: str, task: str, now: dt.datetime
+) -> tuple[QueuedPlan, QueuedStep, Claim]:
+    """Return the claim that a robot has on a step, with the step and its plan.
+
+    Raises
+    ------
+    UnknownTermError
+        There is no such step.
+    ConflictError
+        The robot has no claim on it: it never had one, it has ended, or another robot has it since
+        it ran out.
+    """
+    plan, step = _step(plans, task)
+    claim, other = _last_claim(step, robot), step.claim(now)
+    if claim is None:
+        raise ConflictError(f"{robot} has not claimed {task}")
+    if claim.result:
+        raise ConflictError(f"the claim of {task} ended before: {claim.result}")
+    if other is not None and other.robot != robot:
+        raise ConflictError(f"the claim of {task} ran out, and {other.robot} has it now")
+    return plan, step, claim
+
+
+def _last_claim(step: QueuedStep, robot: str) -> Claim | None:
+    return next((claim for claim in reversed(step.claims) if claim.robot == robot), None)
+
+
+def _step(plans: Sequence[QueuedPlan], task: str) -> tuple[QueuedPlan, QueuedStep]:
     for plan in plans:
         for step in plan.steps:
             if step.task == task:
-                return step
+                return plan, step
     raise UnknownTermError(f"no stored plan has the step {task}")
 
 

@@ -9,8 +9,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from rtask.errors import UsageError
 from rtask.rdf.namespaces import CORA, PREFIXES, RDF
 from rtask.rdf.terms import NamedNode
+from rtask.tasks.questions.price import Prices
+from rtask.tasks.questions.question import Question
+from rtask.tasks.questions.reading import read_questions
 
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
@@ -19,7 +23,8 @@ if TYPE_CHECKING:
 __all__ = ["Claim", "QueuedPlan", "QueuedStep", "read_queue"]
 
 _PLANS = f"""{PREFIXES}
-SELECT ?plan ?graph ?goal ?made ?priority ?deadline ?cancelled ?reason ?replaced WHERE {{
+SELECT ?plan ?graph ?goal ?made ?priority ?deadline ?cancelled ?reason ?replaced ?asking ?failing
+WHERE {{
   GRAPH ?graph {{ ?plan a rt:TaskPlan ; rt:goalText ?goal }}
   OPTIONAL {{ ?plan prov:generatedAtTime ?made }}
   OPTIONAL {{ ?plan rt:taskPriority ?priority }}
@@ -27,6 +32,7 @@ SELECT ?plan ?graph ?goal ?made ?priority ?deadline ?cancelled ?reason ?replaced
   OPTIONAL {{ ?plan prov:invalidatedAtTime ?cancelled }}
   OPTIONAL {{ ?plan rt:cancelReason ?reason }}
   OPTIONAL {{ ?replaced rt:replacesPlan ?plan }}
+  OPTIONAL {{ ?plan rt:askingPrice ?asking ; rt:failingPrice ?failing }}
 }}"""
 _STEPS = f"""{PREFIXES}
 SELECT ?plan ?step ?number ?action ?values ?text ?robot ?thing ?before ?duration ?chance WHERE {{
@@ -108,6 +114,8 @@ class QueuedStep:
         As expected.
     claims
         In the order in which they began.
+    questions
+        What robots asked people about it, in the order of asking.
     """
 
     task: str
@@ -121,6 +129,7 @@ class QueuedStep:
     duration_s: float
     chance: float
     claims: tuple[Claim, ...]
+    questions: tuple[Question, ...] = ()
 
     @property
     def is_done(self) -> bool:
@@ -137,12 +146,18 @@ class QueuedStep:
         """Return the claim that lasts."""
         return next((claim for claim in self.claims if claim.is_live(now)), None)
 
+    def open_question(self, now: dt.datetime) -> Question | None:
+        """Return the question that it waits for."""
+        return next((asked for asked in self.questions if asked.is_open(now)), None)
+
     def state(self, now: dt.datetime) -> str:
-        """Return done, claimed, failed, declined or waiting."""
+        """Return done, claimed, asked, failed, declined or waiting."""
         if self.is_done:
             return "done"
         if self.claim(now):
             return "claimed"
+        if self.open_question(now):
+            return "asked"
         return self.ended_badly.result if self.ended_badly else "waiting"
 
 
@@ -168,6 +183,8 @@ class QueuedPlan:
         Whether another plan has taken its place.
     steps
         In order.
+    prices
+        Of asking and of failing; None where nobody is to be asked.
     """
 
     task: str
@@ -179,6 +196,7 @@ class QueuedPlan:
     cancelled: str | None
     is_replaced: bool
     steps: tuple[QueuedStep, ...]
+    prices: Prices | None = None
 
     def state(self, now: dt.datetime) -> str:
         """Return cancelled, replaced, done, declined, failed, late, running or waiting."""
@@ -194,7 +212,7 @@ class QueuedPlan:
                 return bad
         if "claimed" not in states and self.deadline is not None and now >= self.deadline:
             return "late"
-        return "running" if states & {"claimed", "done"} else "waiting"
+        return "running" if states & {"claimed", "asked", "done"} else "waiting"
 
     def to_dict(self, now: dt.datetime) -> dict[str, Any]:
         """Return JSON-able values."""
@@ -203,16 +221,20 @@ class QueuedPlan:
             "priority": self.priority,
             "deadline": None if self.deadline is None else self.deadline.timestamp(),
             "cancelled": self.cancelled or "",
+            "asking_price": None if self.prices is None else self.prices.asking,
+            "failing_price": None if self.prices is None else self.prices.failing,
             "steps": [_step_dict(step, now) for step in self.steps],
         }  # fmt: skip
 
 
 def _step_dict(step: QueuedStep, now: dt.datetime) -> dict[str, Any]:
     last = step.claim(now) or (step.claims[-1] if step.claims else None)
+    asked = step.open_question(now)
     return {
         "task": step.task, "step": step.number, "text": step.text, "state": step.state(now),
         "robots": list(step.robots), "claimed_by": last.robot if last else "",
         "why": last.why if last else "", "comment": last.comment if last else "",
+        "question": asked.iri if asked else "",
     }  # fmt: skip
 
 
@@ -222,8 +244,7 @@ def read_queue(kb: GraphCore) -> list[QueuedPlan]:
     A robot plans for itself alone: a plan in the graph of a robot with steps for others is data of
     that robot, and no order to them.
     """
-    claims = _claims(kb)
-    steps = _steps(kb, claims)
+    steps = _steps(kb, _claims(kb), read_questions(kb))
     plans: dict[str, QueuedPlan] = {}
     for row in kb.select(_PLANS):
         task = str(row.value("plan"))
@@ -243,7 +264,15 @@ def _plan(row: Row, steps: tuple[QueuedStep, ...]) -> QueuedPlan:
         str(row.value("plan")), str(row.value("graph")), str(row.value("goal")),
         _time(row.value("made")), int(str(priority)) if priority is not None else 0,
         _time(row.value("deadline")), cancelled, row.value("replaced") is not None, steps,
+        _prices(row.value("asking"), row.value("failing")),
     )  # fmt: skip
+
+
+def _prices(asking: object, failing: object) -> Prices | None:
+    try:
+        return None if asking is None else Prices(float(str(asking)), float(str(failing)))
+    except (UsageError, ValueError):
+        return None
 
 
 def _may_order(kb: GraphCore, plan: QueuedPlan) -> bool:
@@ -271,19 +300,23 @@ def _claims(kb: GraphCore) -> dict[str, list[Claim]]:
     return claims
 
 
-def _steps(kb: GraphCore, claims: Mapping[str, list[Claim]]) -> dict[str, list[QueuedStep]]:
+def _steps(
+    kb: GraphCore, claims: Mapping[str, list[Claim]], questions: Mapping[str, list[Question]]
+) -> dict[str, list[QueuedStep]]:
     rows: dict[str, list[Row]] = defaultdict(list)
     for row in kb.select(_STEPS):
         rows[str(row.value("step"))].append(row)
     steps: dict[str, list[QueuedStep]] = defaultdict(list)
     for task, of_step in rows.items():
-        step = _step(task, of_step, tuple(claims.get(task, ())))
+        step = _step(task, of_step, tuple(claims.get(task, ())), tuple(questions.get(task, ())))
         if step is not None:
             steps[str(of_step[0].value("plan"))].append(step)
     return {plan: sorted(parts, key=lambda step: step.number) for plan, parts in steps.items()}
 
 
-def _step(task: str, rows: Sequence[Row], claims: tuple[Claim, ...]) -> QueuedStep | None:
+def _step(
+    task: str, rows: Sequence[Row], claims: tuple[Claim, ...], questions: tuple[Question, ...]
+) -> QueuedStep | None:
     first = rows[0]
     try:
         arguments = json.loads(str(first.value("values")))
@@ -300,6 +333,7 @@ def _step(task: str, rows: Sequence[Row], claims: tuple[Claim, ...]) -> QueuedSt
         tuple(sorted({str(row.value("before")) for row in rows if row.value("before")})),
         float(str(first.value("duration") or 0.0)), float(str(first.value("chance") or 0.0)),
         tuple(claim for claim in claims if claim.robot in robots),
+        tuple(asked for asked in questions if asked.robot in robots),
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from simulate.grasping.attempt.station import Station
 from simulate.grasping.judgement import HeightMap
 from simulate.grasping.placing import held_load
 from simulate.grasping.rules import PlannedGrasp
+from simulate.robots.description import Floats
 from simulate.world.robot_body import REST_OPENING
 from simulate.world.world import PlaceBox
 
@@ -18,6 +19,8 @@ _BESIDE_M = 0.05
 _MARGIN_M = 0.005
 _OVER_TABLE_M = 0.010
 _ARM_MARGIN_M = 0.010
+_ACROSS_M = 0.05
+"""Beyond the middle of the table, seen in a look at one side of it."""
 _LOW_M = 0.030
 """Over the table: a lifted hand and what it holds are higher."""
 
@@ -59,9 +62,27 @@ class Looks:
 
     def box(self, box: PlaceBox) -> HeightMap:
         """Return the height map of a box, without the arms that hide a part of it."""
-        ceiling = box.floor + _HIGHEST_M
         points = self._station.eyes.box_points(box.side)
-        low, high = np.array([box.x_range, box.y_range]).T
+        return self._without_arms(points, box.x_range, box.y_range, box.floor)
+
+    def beside(self, box: PlaceBox) -> HeightMap:
+        """Return the height map of the table up to the inner wall of a box, without the arms."""
+        place = self._station.robot.description.workplace
+        inner = min(abs(y) for y in box.y_range) - box.wall - _MARGIN_M
+        y_range = (-_ACROSS_M, inner) if box.side == "left" else (-inner, _ACROSS_M)
+        points = self._station.eyes.points(box.side)
+        return self._without_arms(points, place.table_x, y_range, self._plan.request.table_height)
+
+    def _without_arms(
+        self,
+        points: Floats,
+        x_range: tuple[float, float],
+        y_range: tuple[float, float],
+        floor: float,
+    ) -> HeightMap:
+        """Return the height map of a rectangle of what is seen, but for the robot's arms."""
+        ceiling = floor + _HIGHEST_M
+        low, high = np.array([x_range, y_range]).T
         over = ((points[:, :2] >= low) & (points[:, :2] < high)).all(axis=1)
         points = points[over & (points[:, 2] < ceiling)]
         robot = self._station.robot
@@ -69,7 +90,7 @@ class Looks:
         for arm in space.chains:
             spheres = space.spheres(arm, REST_OPENING)
             points = points[~spheres.shows(robot.arm_joints(arm), points, _ARM_MARGIN_M)]
-        return HeightMap.of(points, box.x_range, box.y_range, box.floor, ceiling)
+        return HeightMap.of(points, x_range, y_range, floor, ceiling)
 
     def turn_in_hand(self) -> float | None:
         """Return how far what is held has turned about the closing axis, rad; None if not seen."""

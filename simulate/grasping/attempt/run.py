@@ -25,6 +25,7 @@ from simulate.grasping.judgement import (
     judge_old_place,
     judge_placed,
     new_cells,
+    share_left,
 )
 from simulate.grasping.placing import PlacePlan, PlaceSpot, held_load, plan_place, plan_rise
 from simulate.grasping.record import GraspRecord
@@ -81,6 +82,7 @@ class AttemptRun:
         self._place_offset = float("nan")
         self._old_place: HeightMap | None = None
         self._box_before: HeightMap | None = None
+        self._table_before: HeightMap | None = None
         self._turn = 0.0
         self._raised: Trajectory | None = None
         self.held, self.placed = Judgement("no"), Judgement("no")
@@ -266,17 +268,24 @@ class AttemptRun:
         after = look()
         request = self.plan.request
         volume = request.width * max(request.length, request.width) * request.height
-        self.placed = judge_placed(was_held, before, after, volume)
+        is_lost_to_box = spot.walled and not was_held
+        on_table = self._left_on_table(volume) if is_lost_to_box else 0.0
+        self.placed = judge_placed(was_held, before, after, volume, on_table)
         self._look_after()
         if self.placed.is_yes:
-            self.place_reason = "ok" if was_held else "slip_transport"
             arrived = after.centre_of(new_cells(before, after))
             self._place_offset = float(np.linalg.norm(arrived - target))
-        elif self.placed.answer == "unknown":
-            self.place_reason = "not_judged"
-        else:
-            self.place_reason = "drop_outside" if was_held else "slip_transport"
+        reasons = {"yes": "ok", "unknown": "not_judged", "no": "drop_outside"}
+        self.place_reason = reasons[self.placed.answer] if was_held else "slip_transport"
         return self.place_reason
+
+    def _left_on_table(self, volume: float) -> float:
+        """Return the share of a lost object that the table beside the box still bears."""
+        box = self.world.box_for(self.drive.hand.side, self.plan.request.y)
+        if box is None or self._table_before is None or self._old_place is None:
+            return 0.0
+        seen = min(self._old_place.volume, volume)
+        return share_left(self._table_before, self.looks.beside(box), seen)
 
     def _set_down(self, way: PlacePlan) -> None:
         self.drive.follow(way.lower)
@@ -289,7 +298,8 @@ class AttemptRun:
         """Take a view of the object and of the box while both are visible."""
         self._old_place = self.looks.old_place()
         box = self.world.box_for(self.drive.hand.side, self.plan.request.y)
-        self._box_before = None if box is None else self.looks.box(box)
+        if box is not None:
+            self._table_before, self._box_before = self.looks.beside(box), self.looks.box(box)
 
     def _look_after(self) -> None:
         """Check in a view whether the object is still at its original place."""

@@ -49,9 +49,15 @@ def clear_study(
     agent: bool = False,
     pushes: bool = True,
     hand: str = "",
+    robot: str = "",
 ) -> Study:
-    """Return the study of cluttered tables that are cleared, by the robot's ``agent`` if asked."""
+    """Return the study of cluttered tables that are cleared, by the robot's ``agent`` if asked.
+
+    ``robot`` is one whose arms take no full poses, in place of the Panda.
+    """
     settings: dict[str, Any] = {"seed": seed, "objects": objects, "preset": preset}
+    if robot:
+        settings["robot"] = robot
     if hand:
         settings["hand"] = hand
     if agent:
@@ -108,6 +114,9 @@ def summarise_tables(results: Results) -> dict[str, Any]:
         },
         "pushes": int(sum(r["pushes"] for r in results)),
         "reasons": dict(Counter(move["reason"] for move in picks).most_common()),
+        "last at things left": dict(
+            Counter(why for r in results for why in r.get("why_left", ())).most_common()
+        ),
         "ends": dict(
             Counter(r["moves"][-1]["reason"] if r["moves"] else "nothing" for r in results)
             .most_common()

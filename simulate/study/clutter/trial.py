@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,10 +14,12 @@ import numpy as np
 
 import rtask
 from features.geometry import FloatArray
+from features.perception import Seen
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.scoring.holding import assumed_mass
 from rtask.engine.perception.clutter import plan_in_view
 from simulate.agent.agent import Agent, AgentConfig, Server
+from simulate.agent.encounter import Encounter
 from simulate.agent.simulated_body import RobotAtTable
 from simulate.grasping.clearing import clear_clutter
 from simulate.grasping.clutter import hand_of, look_at_clutter, pick_from
@@ -28,16 +31,18 @@ from simulate.study.quality.objects import GraspObject, fits, generated
 from simulate.world.camera import Lighting
 from simulate.world.eyes import Eyes
 from simulate.world.noise import SensorNoise
-from simulate.world.objects import Friction
-from simulate.world.piles import drop, touching_pairs
+from simulate.world.objects import Friction, ObjectSpec, sample_products
+from simulate.world.piles import close_gaps, drop, touching_pairs
+from simulate.world.scene import arrange, lay
 from simulate.world.seeds import mix_seed, stream
 
 __all__ = ["ARM", "Table", "clear_trial", "laid_table", "pile_trial"]
 
 ARM = "panda_arm"
-"""Of the Panda; the NAO's arm takes no full poses."""
+"""Of the Panda, which alone picks by rules; the NAO's arms take no full poses."""
 
 _OBJECTS, _PLACE, _LIGHT, _NOISE, _CHOICE, _COLOUR = range(60, 66)
+_PANDA = "panda"
 _MIDDLE, _HALF_M, _OF = (0.46, 0.0), 0.07, 6
 _NUMBERS = 100_000
 _FRICTION = (0.35, 0.8)
@@ -48,7 +53,7 @@ _MOVES_EACH = 3
 
 @dataclass(eq=False)
 class Table:
-    """A Panda at a table with things on it.
+    """A robot at a table with things on it.
 
     Parameters
     ----------
@@ -63,24 +68,24 @@ class Table:
     """
 
     cell: Workcell
-    contents: dict[int, GraspObject]
+    contents: Mapping[int, GraspObject | ObjectSpec]
     touching: int
     lifted: set[int] = field(default_factory=set)
     _before: dict[int, float] = field(default_factory=dict)
 
-    def watch(self, phase: str) -> None:
-        """Note at the ends of a pick's phases what is lifted."""
+    def watch(self, phase: str, arm: str = ARM) -> None:
+        """Note at the ends of a pick's phases what an arm has lifted."""
         world = self.cell.world
         if phase == "pregrasp":
             self.lifted = set()
             self._before = {body: world.object_pose(body).z for body in self.contents}
         if phase == "hold":
-            fewest = 2 if self.cell.robot.arm(ARM).cup is None else 1
+            fewest = 2 if self.cell.robot.arm(arm).cup is None else 1
             self.lifted = {
                 body
                 for body, before in self._before.items()
                 if world.object_pose(body).z - before > _LIFTED_M
-                and self.cell.robot.touch(ARM, body).links >= fewest
+                and self.cell.robot.touch(arm, body).links >= fewest
             }
 
     def empty_boxes(self) -> int:
@@ -96,14 +101,14 @@ class Table:
                     break
         for body in gone:
             world.remove(body)
-            del self.contents[body]
+        self.contents = {b: item for b, item in self.contents.items() if b not in gone}
         return len(gone)
 
 
 @contextmanager
 def laid_table(settings: Mapping[str, Any], number: int) -> Iterator[Table]:
     """Lay out the things of one trial in front of the robot."""
-    seed, count = int(settings["seed"]), int(settings["objects"])
+    seed = int(settings["seed"])
     with (
         tempfile.TemporaryDirectory(prefix="rtask-pile-") as folder,
         Workcell(_robot(settings), str(settings["preset"])) as cell,
@@ -112,28 +117,55 @@ def laid_table(settings: Mapping[str, Any], number: int) -> Iterator[Table]:
             cell.robot, Lighting.sample(stream(seed, _LIGHT, number)), SensorNoise(),
             (seed, _NOISE, number),
         )  # fmt: skip
-        # Things for jaws whatever the arm carries, so that all hands meet the same piles.
-        hand = hand_of(describe("panda"), ARM)
-        assert isinstance(hand, ParallelGripper)
-        rng, shade = stream(seed, _PLACE, number), stream(seed, _COLOUR, number)
-        contents = {}
-        for k, item in enumerate(_graspable_objects(seed, number, count, hand)):
-            place = Path(folder) / str(k)
-            place.mkdir()
-            friction = Friction(lateral=float(rng.uniform(*_FRICTION)), rolling=0.0004)
-            colour = (*shade.uniform(0.2, 0.9, 3).tolist(), 1.0)
-            body = spawn_parts(
-                cell.world, item.write(place), item.mass, friction=friction,
-                seen=(item.write_whole(place), colour),
-            )  # fmt: skip
-            contents[body] = item
-        drop(cell.world, list(contents), rng, _MIDDLE, _HALF_M * float(np.sqrt(count / _OF)))
+        lay_out = _groups if settings.get("robot") else _heap
+        contents = lay_out(cell, settings, number, Path(folder))
         yield Table(cell, contents, touching_pairs(cell.world, list(contents)))
 
 
 def _robot(settings: Mapping[str, Any]) -> RobotDescription:
     hand = settings.get("hand")
-    return describe("panda", **({"hand": str(hand)} if hand else {}))
+    return describe(str(settings.get("robot", _PANDA)), **({"hand": str(hand)} if hand else {}))
+
+
+def _heap(
+    cell: Workcell, settings: Mapping[str, Any], number: int, folder: Path
+) -> dict[int, GraspObject]:
+    """Drop generated things before a Panda and push them together; return them by body.
+
+    They are things for jaws whatever the arm carries, so that all hands meet the same piles.
+    """
+    seed, count = int(settings["seed"]), int(settings["objects"])
+    hand = hand_of(describe(_PANDA), ARM)
+    assert isinstance(hand, ParallelGripper)
+    rng, shade = stream(seed, _PLACE, number), stream(seed, _COLOUR, number)
+    contents = {}
+    for k, item in enumerate(_graspable_objects(seed, number, count, hand)):
+        place = folder / str(k)
+        place.mkdir()
+        friction = Friction(lateral=float(rng.uniform(*_FRICTION)), rolling=0.0004)
+        colour = (*shade.uniform(0.2, 0.9, 3).tolist(), 1.0)
+        body = spawn_parts(
+            cell.world, item.write(place), item.mass, friction=friction,
+            seen=(item.write_whole(place), colour),
+        )  # fmt: skip
+        contents[body] = item
+    drop(cell.world, list(contents), rng, _MIDDLE, _HALF_M * float(np.sqrt(count / _OF)))
+    return contents
+
+
+def _groups(
+    cell: Workcell, settings: Mapping[str, Any], number: int, folder: Path
+) -> dict[int, ObjectSpec]:
+    """Stand plain products before each hand of another robot so that they touch, by body."""
+    seed, count = int(settings["seed"]), int(settings["objects"])
+    rng, place = stream(seed, _PLACE, number), cell.robot.description.workplace
+    products = sample_products("plain", stream(seed, _OBJECTS, number), count)
+    laid = lay(cell.world, arrange(products, rng, workplace=place), folder)
+    x, y = (sum(area) / 2 for area in (place.area_x, place.area_abs_y))
+    for side in (-1, 1):
+        group = [one.body for one in laid if one.placement.y * side > 0]
+        close_gaps(cell.world, group, (x, side * y))
+    return {one.body: one.placement.spec for one in laid}
 
 
 def _graspable_objects(
@@ -201,8 +233,9 @@ def clear_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         count = len(table.contents)
         result: dict[str, Any] = {"objects": count, "touching": table.touching}
         run = _by_agent if settings.get("agent") else _by_rules
-        moves, cleared = run(table, choice, count, bool(settings.get("pushes", True)))
+        moves, cleared, ends = run(table, choice, count, bool(settings.get("pushes", True)))
         left = [item.name for item in table.contents.values()]
+        why_left = [ends.get(body, "not_met") for body in table.contents]
         off = sum(
             table.cell.world.object_pose(body).z < table.cell.world.table_height - 0.05
             for body in table.contents
@@ -210,7 +243,8 @@ def clear_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     picks = sum(move["kind"] == "pick" for move in moves)
     pushes = sum(move["kind"] == "push" for move in moves)
     return {
-        **result, "cleared": cleared, "left": left, "off_table": off, "moves": moves,
+        **result, "cleared": cleared, "left": left, "why_left": why_left, "off_table": off,
+        "moves": moves,
         "picks": picks, "pushes": pushes,
         "says": f"{cleared} of {count} cleared, {picks} picks, {pushes} pushes",
     }  # fmt: skip
@@ -218,8 +252,15 @@ def clear_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
 def _by_rules(
     table: Table, choice: int, count: int, pushes: bool
-) -> tuple[list[dict[str, Any]], int]:
-    """Clear the table by looking, picking and pushing; return the moves and how much is cleared."""
+) -> tuple[list[dict[str, Any]], int, dict[int, str]]:
+    """Clear the table by looking, picking and pushing.
+
+    Returns
+    -------
+    list, int, dict
+        The moves, how many things are cleared, and how the last attempt at each body ended, as far
+        as that is known.
+    """
     moves, cleared = [], 0
     for move in clear_clutter(
         table.cell.executor, ARM, choice, _MOVES_EACH * count, on_phase=table.watch, pushes=pushes
@@ -232,7 +273,7 @@ def _by_rules(
         })  # fmt: skip
         if not table.contents:
             break
-    return moves, cleared
+    return moves, cleared, {}
 
 
 class _NeverPushes(RobotAtTable):
@@ -247,12 +288,18 @@ class _NeverPushes(RobotAtTable):
 
 def _by_agent(
     table: Table, choice: int, count: int, pushes: bool
-) -> tuple[list[dict[str, Any]], int]:
+) -> tuple[list[dict[str, Any]], int, dict[int, str]]:
     """Let the robot's agent clear the table with an empty graph; return the same."""
     body = (RobotAtTable if pushes else _NeverPushes)(table.cell.executor)
-    body.watch = lambda plan: table.watch
+    body.watch = lambda plan: partial(table.watch, arm=plan.arm)
     moves: list[dict[str, Any]] = []
     cleared = 0
+    first_sight: dict[int, int] = {}
+    ends: dict[int, str] = {}
+
+    def on_sight(encounter: Encounter, seen: Seen) -> None:
+        bodies, counts = np.unique(body.eyes.labels[seen.mask], return_counts=True)
+        first_sight[encounter.number] = int(bodies[np.argmax(counts)])
 
     def on_event(name: str, data: dict[str, Any]) -> None:
         nonlocal cleared
@@ -263,6 +310,8 @@ def _by_agent(
         if name != "attempt":
             return
         cleared += table.empty_boxes()
+        how = data["place_reason"] if data["reason"] == "ok" else data["reason"]
+        ends[first_sight.get(data["object"], -1)] = how
         moves.append({
             "kind": "pick" if data["physical"] else "none", "reason": data["reason"],
             "lifted": bool(table.lifted) and data["physical"], "placed": data["placed"],
@@ -272,5 +321,5 @@ def _by_agent(
     config = AgentConfig(max_looks=_MOVES_EACH * count, seed=choice)
     with rtask.open(":memory:", reason=False) as kb, rtask.connect(kb, agent="robot") as client:
         client.call("register_robot", **body.robot.describe("robot"))
-        Agent(body, cast(Server, client), config, on_event).clear_table()
-    return moves, cleared
+        Agent(body, cast(Server, client), config, on_event, on_sight).clear_table()
+    return moves, cleared, ends

@@ -181,9 +181,17 @@ def _remember(forms: Forms) -> None:
         f"{forms.url}/update", data={"update": LAB.replace(BASE, "urn:lab/")}, timeout=60
     ).raise_for_status()
     plan = ask("plan_goal", goal="every cup into the left box")
-    stored = ask("store_plan", goal=plan["goal"], digest=plan["digest"])["task"]
+    prices = {"asking_price": 1, "failing_price": 60}
+    stored = ask("store_plan", goal=plan["goal"], digest=plan["digest"], **prices)["task"]
     panda = {"robot": "urn:lab/robot/panda-1"}
-    assert ask("end_step", task=ask("claim_step", **panda)["task"], result="done", **panda)
+    step = ask("claim_step", **panda)["task"]
+    choices = [{"code": code, "text": code} for code in ("try", "leave")]
+    unsure = {"kind": "act", "text": "shall I?", "choices": choices, "chance": 0.0}
+    asked = ask("ask_person", task=step, **unsure, **panda)["question"]
+    assert [one["question"] for one in ask("list_questions")["questions"]] == [asked]
+    assert ask("answer_question", question=asked, choice=1)["commit"]
+    assert ask("claim_step", **panda)["answer"]["code"] == "try"
+    assert ask("end_step", task=step, result="done", **panda)
     assert ask("explain_failure", subject=stored)["text"]
     assert ask("state_place", thing="urn:lab/thing/3", place="urn:lab/place/right")["commit"]
     assert ask("state_frame", frame="table")["commit"]

@@ -20,8 +20,9 @@ _UNDONE = {
     "dataset restore", "episodes import", "feedback", "grasp push", "grasp space", "load",
     "migrate", "objects forget", "objects merge", "objects name", "objects split",
     "objects twins", "objects undo", "ontology unload", "ontology upgrade", "plan",
-    "proposals adopt", "robot add", "robot remove", "robot restore", "rules add", "rules remove",
-    "tasks cancel", "teach", "token create", "token expire", "undo", "update",
+    "proposals adopt", "questions answer", "robot add", "robot remove", "robot restore",
+    "rules add", "rules remove", "tasks cancel", "teach", "token create", "token expire", "undo",
+    "update",
 }  # fmt: skip
 _OTHERS = {
     "rebuild": "states derived data again", "verify": "as rebuild",
@@ -36,8 +37,8 @@ _OTHERS = {
 """Commands that change something which needs no undoing, with the reason."""
 _READING = {
     "ask", "contributors list", "dataset diff", "dataset get", "dataset list", "dataset show",
-    "episodes ask", "objects list", "objects show", "query", "recognise", "search", "tasks list",
-    "token list", "where", "why",
+    "episodes ask", "objects list", "objects show", "query", "questions list", "recognise",
+    "search", "tasks list", "token list", "where", "why",
 }  # fmt: skip
 """Commands that open what changing commands open, too."""
 _CHANGING = (

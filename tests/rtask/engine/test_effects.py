@@ -84,11 +84,19 @@ def test_what_reads_commits_nothing_and_what_records_or_writes_commits(kb, spied
     call("withdraw_contributor", TEACHER, contributor="nao-1")
     kb.update(REACHED)
     goal = {"goal": "<urn:cup> rt:locatedOn <urn:hand>"}
-    plan = call("store_plan", TEACHER, **goal, digest=call("plan_goal", nao, **goal)["digest"])
+    prices = {"asking_price": 1, "failing_price": 60}
+    digest = call("plan_goal", nao, **goal)["digest"]
+    plan = call("store_plan", TEACHER, **goal, **prices, digest=digest)
     owner = {"robot": "urn:arm"}
     step = call("claim_step", Access(), **owner)
     call("end_step", Access(), task=step["task"], result="released", **owner)
     assert call("list_plans", nao)["plans"][0]["state"] == "waiting"
+    call("claim_step", Access(), **owner)
+    choices = [{"code": "go_on", "text": "try it"}, {"code": "leave", "text": "leave it"}]
+    call("ask_person", Access(), task=step["task"], kind="act", text="shall I?", choices=choices,
+         chance=0.0, **owner)  # fmt: skip
+    (question,) = call("list_questions", nao)["questions"]
+    call("answer_question", TEACHER, question=question["question"], choice=1)
     call("claim_step", Access(), **owner)
     call("end_step", Access(), task=step["task"], result="failed", **owner)
     assert call("explain_failure", nao, subject=plan["task"])["step"] == step["task"]

@@ -18,6 +18,7 @@ from simulate.grasping.judgement import (
     judge_old_place,
     judge_placed,
     new_cells,
+    share_left,
 )
 from simulate.grasping.record import GraspRecord
 from simulate.robots import describe
@@ -116,8 +117,10 @@ def test_what_lies_on_something_else_is_new_as_well():
         (True, EMPTY, HALF_HIDDEN, "unknown"),
         (True, EMPTY, UNSEEN, "unknown"),
         (True, UNSEEN, BLOCK, "unknown"),
-        (False, EMPTY, BLOCK, "no"),  # the object leans on the rim, or pushed something about
+        (False, EMPTY, BLOCK, "unknown"),  # it lies there, or leans on the rim
+        (False, EMPTY, EDGES, "no"),
         (False, EMPTY, EMPTY, "no"),
+        (False, EMPTY, HALF_HIDDEN, "unknown"),
     ],
 )
 def test_placed_needs_something_new_where_it_was_to_go(kept, before, after, answer):
@@ -145,7 +148,23 @@ def test_what_was_tipped_over_in_the_box_leaves_it_unknown_what_arrived() -> Non
 
 def test_what_was_lost_on_the_way_is_placed_only_if_all_of_it_is_seen_there() -> None:
     assert judge_placed(False, EMPTY, BLOCK, 0.03 * 0.03 * 0.04).answer == "yes"
-    assert judge_placed(False, EMPTY, BLOCK, 0.10 * 0.03 * 0.04).answer == "no"
+    assert judge_placed(False, EMPTY, BLOCK, 0.10 * 0.03 * 0.04).answer == "unknown"
+
+
+def test_what_was_lost_on_the_way_and_lies_on_the_table_is_not_placed() -> None:
+    volume = 0.03 * 0.03 * 0.04
+    assert BLOCK.volume == pytest.approx(volume, rel=0.2)
+    assert share_left(BLOCK, MOVED, BLOCK.volume) == pytest.approx(1.0, abs=0.2)
+    assert share_left(BLOCK, EMPTY, BLOCK.volume) == pytest.approx(0.0, abs=0.2)
+    assert share_left(TWO_BLOCKS, MOVED, BLOCK.volume) < 0.5  # another was moved as well
+    assert share_left(EMPTY, EMPTY, 0.0) == 0.0
+    for after in (EMPTY, HALF_HIDDEN):
+        assert judge_placed(False, EMPTY, after, volume, 0.9).answer == "no"
+        assert judge_placed(True, EMPTY, after, volume, 0.9) == judge_placed(
+            True, EMPTY, after, volume
+        )
+    assert judge_placed(False, EMPTY, BLOCK, volume, 0.9).answer == "yes"
+    assert judge_placed(False, EMPTY, HALF_HIDDEN, volume, 0.1).answer == "unknown"
 
 
 def test_the_old_place_tells_whether_the_object_is_gone():
@@ -202,8 +221,9 @@ def test_both_robots_see_into_their_boxes():
             eyes = Eyes(cell.robot)
             for box in cell.world.place_boxes.values():
                 seen = HeightMap.of(eyes.box_points(box.side), box.x_range, box.y_range, box.floor)
-                assert np.isfinite(seen.heights).mean() > 0.5, (robot, box.side)
-                assert seen.occupied[2:-2, 2:-2].mean() < 0.1, (robot, box.side)
+                assert np.isfinite(seen.heights).mean() > 0.8, (robot, box.side)
+                # A forearm may be over a corner.
+                assert seen.occupied[2:-2, 2:-2].mean() < 0.15, (robot, box.side)
 
 
 def test_a_look_at_an_unchanged_scene_costs_one_frame():

@@ -35,6 +35,45 @@ def test_a_pile_touches_and_lies_on_the_table():
 
 
 @pytest.mark.slow
+def test_a_naos_products_touch_before_each_hand():
+    with laid_table({**PILE, "robot": "nao", "objects": 6}, 0) as table:
+        world = table.cell.world
+        at = [world.object_pose(body) for body in table.contents]
+        assert sum(pose.y > 0.03 for pose in at) == sum(pose.y < -0.03 for pose in at) == 3
+        assert all(world.table_height < pose.z < world.table_height + 0.1 for pose in at)
+        for body in table.contents:
+            others = [other for other in table.contents if other != body]
+            assert any(world.client.getClosestPoints(body, other, 0.002) for other in others)
+
+
+@pytest.mark.slow
+@pytest.mark.deep
+def test_a_nao_clears_by_its_agent_and_says_why_it_left_what_is_left():
+    result = clear_trial(
+        {"seed": 3, "objects": 2, "preset": "fast", "robot": "nao", "agent": True}, 0
+    )
+    assert result["cleared"] + len(result["left"]) == 2
+    assert len(result["why_left"]) == len(result["left"])
+    assert all(result["why_left"])
+    assert result["picks"] >= 1
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--robot", "nao", "--clear"), "--with-agent"),
+        (("--robot", "panda", "--clear", "--with-agent"), "no full poses"),
+        (("--robot", "nao", "--clear", "--with-agent", "--hand", "suction:0.01"), "--hand"),
+    ],
+)
+def test_what_only_a_panda_does_is_refused(options, said, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["study", "piles", *options])
+    assert caught.value.code == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.slow
 @pytest.mark.deep
 def test_a_pick_lifts_one_thing_and_is_the_same_every_time():
     first = pile_trial(PILE, 0)

@@ -35,18 +35,32 @@ class World:
         self.lab = read_lab(self.planner.query, np.random.default_rng(3), slip)
         self.refused = set()
 
-    def crew(self):
+    def crew(self, wait=lambda: False):
         robots = {}
         for robot in (NAO, PANDA):
             client = rtask.connect(self.engine, agent=robot.rpartition("/")[2])
             robots[robot] = Executor(client, self.lab.robot(robot), may=self.may)
-        return Crew(self.planner, robots)
+        return Crew(self.planner, robots, wait=wait)
 
     def may(self, text):
         return not any(word in text for word in self.refused)
 
-    def store(self, goal=GOAL):
-        return self.planner.call("store_plan", goal=goal)["task"]
+    def store(self, goal=GOAL, **more):
+        return self.planner.call("store_plan", goal=goal, **more)["task"]
+
+    def questions(self):
+        return self.planner.call("list_questions")["questions"]
+
+    def answer(self, code, place=None):
+        """Let ann choose for each open question what has a code, and names a place."""
+        for question in self.questions():
+            number = next(
+                choice["number"] for choice in question["choices"]
+                if choice["code"] == code and place in (None, choice["place"])
+            )  # fmt: skip
+            self.planner.call(
+                "answer_question", question=question["question"], choice=number, operator="ann"
+            )
 
     def places(self, thing):
         return {str(quad.object.value) for quad in self.kb.match(iri(thing), RT.locatedOn)}
@@ -266,3 +280,79 @@ def _watch(executor, die):
             return deed
 
     executor.graph, executor.body = Graph(), Body()
+
+
+PRICES = {"asking_price": 1, "failing_price": 60}
+
+
+def test_a_stuck_robot_asks_and_does_something_else_until_the_answer_comes(world):
+    world.store(**PRICES)
+    world.store("the pen into the right box")
+    assert [end.goal for end in world.crew().work()] == ["the pen into the right box"]
+    (question,) = world.questions()
+    assert (question["kind"], question["robot"]) == ("act", PANDA)
+    assert world.kb.blobs.read(f"urn:sha256:{question['picture']}").startswith(b"\x89PNG")
+    assert CUP not in {deed[2] for deed in world.lab.done}
+    asked = []
+
+    def wait():
+        asked.extend(question["text"] for question in world.questions())
+        world.answer("go_on")
+        return True
+
+    (ended,) = world.crew(wait).work()[-1:]
+    assert (ended.goal, ended.result, ended.repairs) == (GOAL, "reached", 0)
+    assert len(asked) == 4, "each step of which little is known is asked about once"
+
+
+@pytest.mark.parametrize(("answer", "result"), [("helped", "reached"), ("leave", "declined")])
+def test_what_a_person_answers_is_done(world, answer, result):
+    world.lab.slip = 1.0
+    world.store("the pen into the right box", **PRICES)
+
+    def wait():
+        if answer == "helped":
+            world.lab.helped.add(PEN)
+        world.answer(answer)
+        return True
+
+    (ended,) = world.crew(wait).work()
+    assert (ended.result, ended.repairs) == (result, 0)
+    reported = world.kb.select(f"{PREFIXES}SELECT ?a {{ ?a a rt:GraspAttempt }}")
+    assert len(reported) == 0, "a grasp that a person helped with says nothing of grasps alone"
+
+
+def test_a_person_does_it_and_the_robot_looks_before_it_believes_that(world):
+    world.store("the pen into the right box", **PRICES)
+    did = []
+
+    def wait():
+        did.append(world.lab.where[PEN])
+        if len(did) == 2:  # with the first answer nothing was done
+            world.lab.where[PEN] = RIGHT
+        world.answer("done")
+        return True
+
+    (ended,) = world.crew(wait).work()
+    assert (ended.result, world.places(PEN)) == ("reached", {RIGHT})
+    assert [deed[1] for deed in world.lab.done] == ["pick"]
+    assert did == [TABLE, f"{PANDA}/hand"]
+
+
+def test_where_a_thing_is_that_the_robot_does_not_see_a_person_says(world):
+    world.store("every cup onto the table", **PRICES)
+    world.lab.where[CUP] = LEFT  # out of sight of panda-1, which is to pick it up
+    kinds = []
+
+    def wait():
+        (kind,) = {question["kind"] for question in world.questions()}
+        kinds.append(kind)
+        world.answer(*(("at", LEFT) if kind == "where" else ("go_on",)))
+        return True
+
+    (ended,) = world.crew(wait).work()
+    assert (ended.result, world.lab.where[CUP]) == ("reached", TABLE)
+    assert kinds == ["where", "act", "act"]
+    plans = world.planner.call("list_plans", state="all")["plans"]
+    assert plans[0]["steps"][0]["comment"] == "ann says that it is at left"
+    assert "failed" not in {step["state"] for plan in plans for step in plan["steps"]}

@@ -9,11 +9,12 @@ from annotated_types import Ge, Le, MaxLen, MinLen
 
 from rtask.engine.operations.operation import operation
 from rtask.engine.records.identity import check_agent
-from rtask.errors import BusyError, ConflictError, ForbiddenError, UnknownTermError
+from rtask.errors import BusyError, ConflictError, ForbiddenError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import iri
 from rtask.tasks import Tasks, storing
 from rtask.tasks.behaviour_tree import behaviour_tree
+from rtask.tasks.questions.price import Prices
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Flag, Iri, Json, Number, Text, Unit, Whole
 
@@ -35,6 +36,7 @@ __all__ = [
 _MAX_CHARS = 20_000
 _LATEST_S = 253_402_300_799
 """End of the year 9999, s since the epoch."""
+_MAX_PRICE = 1e12
 _PATIENCE_S = 10.0
 """How long a plan waits until the ones before it are made."""
 Goal = Annotated[Text, MinLen(1), MaxLen(_MAX_CHARS)]
@@ -70,6 +72,10 @@ class StorePlan(Message):
     """Unix time after which no step is begun; default: none"""
     replaces: Iri | None = None
     """IRI of an earlier plan for the goal, of which nothing more is begun; default: none"""
+    asking_price: Annotated[Number, Ge(0), Le(_MAX_PRICE)] | None = None
+    """what a question to a person costs, in any unit; default: nobody is asked"""
+    failing_price: Annotated[Number, Ge(0), Le(_MAX_PRICE)] | None = None
+    """what a step that fails costs, in the same unit; goes with asking_price"""
 
 
 class PlanReason(Answer):
@@ -200,12 +206,14 @@ def store_plan(context: Context, request: StorePlan, access: Access) -> StoredPl
 
 
 def _order(context: Context, request: StorePlan, author: Access) -> storing.Order:
-    """Return how urgent the plan is, and what it replaces.
+    """Return how urgent the plan is, what it replaces, and whether people may be asked.
 
     Raises
     ------
     UnknownTermError
         There is no plan to be replaced.
+    UsageError
+        One of the two prices is missing.
     ForbiddenError
         A robot replaces the plan of somebody else.
     """
@@ -222,7 +230,18 @@ def _order(context: Context, request: StorePlan, author: Access) -> storing.Orde
     if request.deadline is not None:
         latest_s = min(request.deadline, _LATEST_S)
         deadline = dt.datetime.fromtimestamp(latest_s, dt.UTC)
-    return storing.Order(request.priority, deadline, earlier)
+    return storing.Order(request.priority, deadline, earlier, _prices(request))
+
+
+def _prices(request: StorePlan) -> Prices | None:
+    asking, failing = request.asking_price, request.failing_price
+    if asking is None and failing is None:
+        return None
+    if asking is None or failing is None:
+        missing = "asking_price" if asking is None else "failing_price"
+        raise UsageError(f"{missing} is missing: a price is weighed against the other",
+                         field=missing)  # fmt: skip
+    return Prices(asking, failing)
 
 
 def _plan(context: Context, goal: str, access: Access, assume_reach: bool) -> TaskPlan:

@@ -9,13 +9,14 @@ from annotated_types import Ge, Le, MaxLen, MinLen
 from pydantic import Field
 
 from rtask.engine.operations.operation import operation
+from rtask.engine.operations.tasks.robot_named import robot_named
 from rtask.engine.operations.world.state import moved
 from rtask.engine.records.identity import check_agent
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError
-from rtask.rdf.namespaces import CORA, RDF, RT
+from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import NamedNode, iri
 from rtask.tasks.queue import claiming
-from rtask.tasks.queue.reading import read_queue
+from rtask.tasks.queue.reading import QueuedStep, read_queue
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Flag, Iri, Json, Number, Text, Unit
 
@@ -49,6 +50,21 @@ class WaitingStep(Answer):
     """whether waiting does not help, and the goal has to be planned again"""
 
 
+class StepAnswer(Answer):
+    """What came of the last question about a step."""
+
+    question: str
+    """IRI"""
+    kind: str
+    code: str
+    """of the choice that was made"""
+    place: str
+    """IRI of the place that it names; empty for none"""
+    by: str
+    """who made it; empty where nobody answered in time"""
+    remark: str
+
+
 class ClaimedStep(Answer):
     """The step that is the robot's now, or why there is none."""
 
@@ -69,6 +85,14 @@ class ClaimedStep(Answer):
     """whether the robot had it before"""
     reason: str = ""
     """why this robot, and why now"""
+    chance: float = 0.0
+    """of success, as planned"""
+    answer: StepAnswer | None = None
+    """what came of the last question about it; null if nobody was asked"""
+    asks: bool = False
+    """whether the plan has prices, so that people may be asked"""
+    asked: list[str] = Field(default_factory=list)
+    """kinds of questions that were asked about it before"""
     waiting: list[WaitingStep]
 
 
@@ -128,7 +152,7 @@ class ListedStep(Answer):
     step: int
     text: str
     state: str
-    """waiting, claimed, done, failed or declined"""
+    """waiting, asked, claimed, done, failed or declined"""
     robots: list[str]
     claimed_by: str
     """IRI of the robot that has or had it; empty if none"""
@@ -136,6 +160,8 @@ class ListedStep(Answer):
     """why it got it"""
     comment: str
     """what happened"""
+    question: str
+    """IRI of the question to a person that it waits for; empty for none"""
 
 
 class ListedPlan(Answer):
@@ -150,6 +176,10 @@ class ListedPlan(Answer):
     """Unix time, s"""
     cancelled: str
     """why; empty if it is not"""
+    asking_price: float | None
+    """of a question to a person, in the unit of failing_price; null where nobody is asked"""
+    failing_price: float | None
+    """of a step that fails"""
     steps: list[ListedStep]
 
 
@@ -162,7 +192,7 @@ class ListedPlans(Answer):
 @operation("write", "writes", "claim the next step that a robot can begin", repeatable=True)
 def claim_step(context: Context, request: ClaimStep, access: Access) -> ClaimedStep:
     """Claim a step by a commit; a robot that has one gets that again, and its claim is renewed."""
-    robot, author = _robot(context, request.robot, access)
+    robot, author = robot_named(context, request.robot, access)
     with context.writing:
         choice = claiming.claim_step(context.kb, robot, author, lease_s=request.lease)
     waiting = [
@@ -186,6 +216,10 @@ def claim_step(context: Context, request: ClaimStep, access: Access) -> ClaimedS
         until=max(choice.claim.until, until).timestamp(),
         resumed=not is_new,
         reason=choice.reason,
+        chance=step.chance,
+        answer=_answer(step),
+        asks=choice.plan.prices is not None,
+        asked=[question.kind for question in step.questions],
         waiting=waiting,
     )
 
@@ -193,7 +227,7 @@ def claim_step(context: Context, request: ClaimStep, access: Access) -> ClaimedS
 @operation("write", "writes", "say how a claimed step ended", repeatable=True)
 def end_step(context: Context, request: EndStep, access: Access) -> EndedStep:
     """End a claim; it may be said again."""
-    robot, author = _robot(context, request.robot, access)
+    robot, author = robot_named(context, request.robot, access)
     with context.writing:
         commit = claiming.end_claim(
             context.kb, robot, str(request.task), request.result, author,
@@ -237,6 +271,18 @@ def list_plans(context: Context, request: ListPlans, access: Access) -> ListedPl
     return ListedPlans(plans=shown)
 
 
+def _answer(step: QueuedStep) -> StepAnswer | None:
+    """Return what came of the last question; a claimed step waits for none."""
+    if not step.questions:
+        return None
+    last = step.questions[-1]
+    given = last.answer
+    return StepAnswer(
+        question=last.iri, kind=last.kind, code=last.outcome.code, place=last.outcome.place,
+        by="" if given is None else given.by, remark="" if given is None else given.remark,
+    )  # fmt: skip
+
+
 def _attempt(context: Context, task_id: str | None, robot: str) -> str:
     """Return the attempt of a robot that was reported under an id; "" for none.
 
@@ -274,43 +320,3 @@ def _move(context: Context, request: EndStep, author: Access) -> claiming.Move |
     elif not context.kb.match(iri(request.place)):
         raise UnknownTermError(f"place: the graph has no {request.place}", field="place")
     return lambda thing: moved(context, thing, request.place, author)
-
-
-def _robot(context: Context, name: str | None, access: Access) -> tuple[str, Access]:
-    """Return the IRI of the robot that is meant, and the rights to write in its name.
-
-    Raises
-    ------
-    UsageError
-        The caller is no robot, and names none.
-    ForbiddenError
-        A robot acts for another one, or a person or reader for a robot.
-    """
-    own = context.agent_iri(access).value if access.role == "robot" else ""
-    if name is None:
-        if not own:
-            raise UsageError("robot is missing: its name or IRI", field="robot")
-        return own, access
-    robot = _named(context, name)
-    if own and robot != own:
-        raise ForbiddenError(f"the token belongs to {access.agent!r}: it cannot act for {name!r}")
-    if own:
-        return own, access
-    if access.agent is not None:
-        raise ForbiddenError(f"{access.agent!r} is no robot: only {name!r} claims steps for itself")
-    label = robot.removeprefix(f"{context.kb.base}robot/")
-    return robot, context.author(access, label if "/" not in label else None)
-
-
-def _named(context: Context, name: str) -> str:
-    if ":" in name and context.kb.match(iri(name), RDF.type, CORA.Robot):
-        return name
-    made = context.kb.graphs.agent_iri(name)
-    if context.kb.match(made, RDF.type, CORA.Robot):
-        return made.value
-    for quad in context.kb.match(None, RT.name, name):
-        if isinstance(quad.subject, NamedNode) and context.kb.match(
-            quad.subject, RDF.type, CORA.Robot
-        ):
-            return quad.subject.value
-    return made.value

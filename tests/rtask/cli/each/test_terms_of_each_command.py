@@ -60,6 +60,7 @@ _TERMS: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("ontology unload", "iri"): (_ONTOLOGY, "ontology unload --dry-run {}"),
     ("ontology upgrade", "source"): (_ONTOLOGY, "ontology upgrade --undo {}"),
     ("quarantine", "records"): (_OTHER, "quarantine --forget {}"),
+    ("questions answer", "question"): (_OTHER, "questions answer {} 1"),
     ("rules remove", "names"): (_RULE, "rules remove {}"),
     ("rules show", "name"): (_RULE, "rules show {}"),
     ("search", "cls"): (_CLASS, "search blue --class {}"),

@@ -1,0 +1,1 @@
+"""What the price of asking a person does to goals, questions and costs."""
