@@ -6,7 +6,11 @@ inference is off, because the data already contain the closure.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import contextlib
+import logging
+import threading
+import warnings
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -16,6 +20,9 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 from reasoner.terms.dictionary import Term, Triple
 
 SHACL = "http://www.w3.org/ns/shacl#"
+_log = logging.getLogger(__name__)
+_CHATTY = ("pyshacl-validate", "rdflib.term")
+"""Loggers that print to the standard error, with tracebacks, what the report says or data hold."""
 
 
 @dataclass(frozen=True)
@@ -84,17 +91,19 @@ def validate(
     focus_nodes = None if focus is None else [_to_rdflib(node) for node in focus]
     if focus_nodes == []:
         return ShaclReport(conforms=True)
-    graph, shacl_graph = _graph(data, _prepared_queries()), _graph(shapes)
+    with _quietly():
+        graph, shacl_graph = _graph(data, _prepared_queries()), _graph(shapes)
     try:
-        conforms, report, _ = pyshacl.validate(
-            graph,
-            shacl_graph=shacl_graph,
-            inference="none",
-            advanced=True,
-            allow_warnings=True,
-            inplace=True,
-            focus_nodes=focus_nodes,
-        )
+        with _quietly():
+            conforms, report, _ = pyshacl.validate(
+                graph,
+                shacl_graph=shacl_graph,
+                inference="none",
+                advanced=True,
+                allow_warnings=True,
+                inplace=True,
+                focus_nodes=focus_nodes,
+            )
     except MemoryError:
         raise
     except Exception as error:  # shapes decide what is raised: of re, of rdflib, of pyparsing
@@ -103,6 +112,34 @@ def validate(
     if isinstance(report, Exception):
         raise ShapesError(str(getattr(report, "message", "") or report)) from report
     return ShaclReport(bool(conforms), tuple(sorted(_findings(report), key=str)))
+
+
+@contextlib.contextmanager
+def _quietly() -> Iterator[None]:
+    """Log what pySHACL and rdflib say in this thread for debugging, instead of printing it."""
+    _ignore_warnings()
+    here = threading.get_ident()
+
+    def keep(record: logging.LogRecord) -> bool:
+        if record.thread != here:
+            return True
+        _log.debug("%s: %s", record.name, record.getMessage())
+        return False
+
+    loggers = [logging.getLogger(name) for name in _CHATTY]
+    for logger in loggers:
+        logger.addFilter(keep)
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            logger.removeFilter(keep)
+
+
+@lru_cache(maxsize=1)
+def _ignore_warnings() -> None:
+    """Ignore the warnings of pySHACL, which are about its own use of rdflib and of memory."""
+    warnings.filterwarnings("ignore", module=r"pyshacl(\.|$)")
 
 
 def _graph(triples: Iterable[Triple], store: Any = "default") -> Any:

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import cast
 
 from endpoint.http.messages import RefusedError
-from rtask.errors import AuthenticationError, UsageError
+from rtask.errors import AuthenticationError, StoreError, StoreFormatError, UsageError
 from rtask.kb.commit.access import Access, Role
 
 FILE_NAME = "tokens.sqlite"
@@ -50,6 +50,7 @@ CREATE TABLE IF NOT EXISTS tokens (
     rights TEXT
 ) STRICT
 """
+_COLUMNS = frozenset(("id", "digest", "agent", "role", "created", "expires", "revoked"))
 _LOOK = """
 SELECT EXISTS (SELECT 1 FROM tokens),
        EXISTS (SELECT 1 FROM tokens WHERE ' ' || rights LIKE '% read:%')
@@ -149,13 +150,28 @@ class TokenStore:
         else:
             self._memory = sqlite3.connect(":memory:", check_same_thread=False)
             self._open.append(self._memory)
-        with self._lock, self._connection() as connection:
-            connection.execute(_SCHEMA)
-            columns = connection.execute("PRAGMA table_info(tokens)").fetchall()
-            if not any(column[1] == "rights" for column in columns):
-                connection.execute("ALTER TABLE tokens ADD COLUMN rights TEXT")
+        try:
+            self._prepare()
+        except sqlite3.DatabaseError as error:
+            if isinstance(error, sqlite3.OperationalError):  # locked, or no room
+                raise StoreError(f"{self._path} cannot be used: {error}") from error
+            raise StoreFormatError(
+                f"{self._path} is damaged: {error}; restore it from a backup, or remove it and "
+                "create the tokens anew: rtask token create",
+                damaged="tokens",
+            ) from error
         if self._path:
             self._handle = os.open(self._path, os.O_RDONLY)
+
+    def _prepare(self) -> None:
+        """Create the table, or add what an earlier version's lacks."""
+        with self._lock, self._connection() as connection:
+            connection.execute(_SCHEMA)
+            columns = {row[1] for row in connection.execute("PRAGMA table_info(tokens)")}
+            if "rights" not in columns:
+                connection.execute("ALTER TABLE tokens ADD COLUMN rights TEXT")
+            if missing := _COLUMNS - columns:
+                raise sqlite3.DatabaseError(f"its table has no {', '.join(sorted(missing))}")
 
     def create(
         self,

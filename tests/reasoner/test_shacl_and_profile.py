@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from reasoner.dl.profile import check_profile
-from reasoner.shacl import validate
+from reasoner.shacl import ShapesError, validate
 from tests.reasoner.ttl import triple, triples
 
 SHAPES = """
@@ -33,6 +33,15 @@ def test_shacl_validates_only_the_focus_nodes():
     assert validate(data, shapes, focus=[good]).conforms
     assert validate(data, shapes, focus=[bad]).findings == validate(data, shapes).findings
     assert validate(data, shapes, focus=[]).conforms
+
+
+def test_neither_ill_typed_data_nor_bad_shapes_print_anything(capfd):
+    data = triples(':bad a :Mug ; :width "wide"^^xsd:integer, "2020-13-45"^^xsd:date .')
+    assert not validate(data, triples(SHAPES)).conforms
+    bad = SHAPES.replace("sh:minCount 1", 'sh:minCount "1"')
+    with pytest.raises(ShapesError, match="minCount"):
+        validate(data, triples(bad))
+    assert capfd.readouterr() == ("", "")
 
 
 QUERY_SHAPES = """

@@ -62,6 +62,8 @@ _LISTS = frozenset(
     )
 )  # fmt: skip
 """Those whose object is a list."""
+_OBJECT_ID = NamedNode(ontology.NS + "objectId")
+"""Key of objects (`owl:hasKey`)."""
 _REST = NamedNode(_RDF + "rest")
 _LINKS = frozenset((_RDF + "first", _REST.value))
 _MAX_CELLS = 20_000
@@ -125,6 +127,8 @@ class SchemaRight:
         What is stored before the change.
     declared
         Terms that ontologies declare.
+    removed
+        What the change removes.
     """
 
     def __init__(
@@ -133,7 +137,10 @@ class SchemaRight:
         graphs: Graphs,
         store: GraphStore,
         declared: Collection[NamedNode],
+        removed: Collection[Quad] = (),
     ) -> None:
+        self._removed = removed
+        self._of_id: dict[Term, Term] = {}
         self._declared = declared
         self._graphs = graphs
         self._store = store
@@ -147,7 +154,20 @@ class SchemaRight:
         subject = quad.subject
         if subject in self._declared or _is_vocabulary(subject):
             return True
+        if quad.predicate == _OBJECT_ID:
+            return self._is_id_of_another(quad)
         return is_axiom(quad) and not self._is_harmless(quad)
+
+    def _is_id_of_another(self, quad: Quad) -> bool:
+        """Tell whether another object has an id: two with one id would follow to be the same."""
+        if self._of_id.setdefault(quad.object, quad.subject) != quad.subject:
+            return True
+        return any(
+            other.subject != quad.subject
+            and self._graphs.is_input(other.graph_name)
+            and other not in self._removed
+            for other in self._store.quads_for_pattern(None, _OBJECT_ID, quad.object, None)
+        )
 
     def _is_harmless(self, quad: Quad) -> bool:
         """Tell whether an axiom says nothing about terms that are not the writer's own."""
@@ -239,7 +259,8 @@ def foreign_axioms(
     declared
         Terms that ontologies declare.
     """
-    right, is_input = SchemaRight(access, graphs, change.store, declared), graphs.is_input
+    right = SchemaRight(access, graphs, change.store, declared, change.removed)
+    is_input = graphs.is_input
     for quad in change.added:
         if is_input(quad.graph_name) and right.is_foreign(quad):
             yield quad
@@ -290,7 +311,12 @@ def axiom_refused(quad: Quad, access: Access, graphs: Graphs) -> ForbiddenError:
     """Return the error for an axiom that the caller may not state."""
     statement = f"{quad.subject} {quad.predicate} {quad.object}"
     own = namespaces(access, graphs)[0] if access.agent else ""
-    kind = "it is an axiom" if is_axiom(quad) else f"{quad.subject} is a term of the schema"
+    if quad.predicate == _OBJECT_ID:
+        kind = "another object has that id, and two with one id would be the same"
+    elif is_axiom(quad):
+        kind = "it is an axiom"
+    else:
+        kind = f"{quad.subject} is a term of the schema"
     return ForbiddenError(
         f"{access.role} {access.agent} may not state {statement}: {kind}, which holds for "
         f"everybody; that needs the right schema. About its own terms ({own}...) it may state "

@@ -6,7 +6,7 @@ import datetime as dt
 import json
 import os
 import secrets
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 
 import ontology
@@ -93,6 +93,8 @@ class Settings:
         """
         try:
             record = json.loads((folder / _FILE).read_text("utf-8"))
+            if not isinstance(record, dict) or not isinstance(record.get("format"), int):
+                raise ValueError('it is no JSON object with a number "format"')
             stored = int(record["format"])
         except FileNotFoundError:
             raise StoreFormatError(
@@ -109,10 +111,14 @@ class Settings:
                 f"{folder} has the {age} format {stored}, this version reads {FORMAT}; {cure}",
                 format=stored,
             )
-        try:
-            return cls(**{n: record[n] for n in cls.__dataclass_fields__ if n in record})
-        except TypeError as error:
-            raise StoreFormatError(f"{folder / _FILE} is damaged: {error}") from error
+        known = {field.name: field for field in fields(cls)}
+        required = {name for name, field in known.items() if field.default is MISSING}
+        if missing := required - record.keys():
+            raise StoreFormatError(
+                f"{folder / _FILE} is damaged: it lacks {', '.join(sorted(missing))}; restore it "
+                "from a backup"
+            )
+        return cls(**{name: record[name] for name in known if name in record})
 
     def save(self, folder: Path) -> None:
         """Write the settings durably."""

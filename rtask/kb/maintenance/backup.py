@@ -164,7 +164,9 @@ def restore(source: Path, target: Path) -> dict[str, Any]:
     settings = Settings.load(source)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise UsageError(f"{target} is not empty; name a new folder")
-    shutil.copytree(source, target, dirs_exist_ok=True, ignore=shutil.ignore_patterns(_FILE))
+    # The settings come last: without them, what a kill leaves of a copy is no knowledge base.
+    ignored = shutil.ignore_patterns(_FILE, "kb.json")
+    shutil.copytree(source, target, dirs_exist_ok=True, ignore=ignored)
     parent = f"{record['store_id']}@{record['seq']}"
     replace(settings, epoch=Settings.new().epoch, parent=parent).save(target)
     return record

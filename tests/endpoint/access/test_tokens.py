@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 import stat
 import time
 from contextlib import closing
@@ -12,7 +13,7 @@ import pytest
 
 from endpoint.access.lifetimes import parse_lifetime
 from endpoint.access.tokens import CHECK_EVERY_S, TokenStore
-from rtask.errors import AuthenticationError, UsageError
+from rtask.errors import AuthenticationError, StoreFormatError, UsageError
 
 
 def test_a_token_gives_the_rights_of_its_robot(tmp_path: Path) -> None:
@@ -160,3 +161,15 @@ def test_a_lifetime_is_at_most_a_hundred_years() -> None:
     for text in ("876001h", "36501d", "5215w", "99999w"):
         with pytest.raises(UsageError, match=f"--expires {text} is longer than a hundred years"):
             parse_lifetime(text, "--expires ")
+
+
+def test_a_damaged_file_of_tokens_is_named_with_a_cure(tmp_path: Path) -> None:
+    path = tmp_path / "tokens.sqlite"
+    path.write_bytes(b"no database at all" * 100)
+    with pytest.raises(StoreFormatError, match=r"tokens\.sqlite is damaged.*rtask token create"):
+        TokenStore(tmp_path)
+    path.unlink()
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("CREATE TABLE tokens (id TEXT, secret TEXT)")
+    with pytest.raises(StoreFormatError, match="its table has no agent, created, digest"):
+        TokenStore(tmp_path)

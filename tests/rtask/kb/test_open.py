@@ -82,10 +82,13 @@ def test_readers_share_a_folder_and_cannot_write(tmp_path: Path) -> None:
     [
         ({"format": 99}, "newer format 99, this version reads 1; update RTASK"),
         ({"format": 0}, "older format 0"),
-        ({}, "damaged"),
+        ({}, 'damaged: it is no JSON object with a number "format"'),
+        ([1, 2], 'damaged: it is no JSON object with a number "format"'),
+        ({"format": "old"}, 'damaged: it is no JSON object with a number "format"'),
+        ({"format": 1, "base": "urn:x/"}, "it lacks created, epoch, plain, store_id; restore it"),
     ],
 )
-def test_another_format_is_refused(tmp_path: Path, given: dict[str, int], message: str) -> None:
+def test_another_format_is_refused(tmp_path: Path, given: object, message: str) -> None:
     (tmp_path / "kb.json").write_text(json.dumps(given))
     with pytest.raises(StoreFormatError, match=message):
         _bare(tmp_path)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from pyoxigraph import NamedNode, Quad, RdfFormat, parse
+from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, parse
 
 import rtask
 from rtask.errors import (
@@ -119,6 +119,35 @@ def test_what_is_said_about_a_term_of_an_ontology_needs_the_right(
         insert(kb, statement)
     assert refused.value.details["right"] == "schema"
     assert refused.value.details["statement"] in str(refused.value)
+
+
+def test_the_id_of_one_object_is_given_to_no_other() -> None:
+    with rtask.open(":memory:", base=BASE) as kb:
+        insert(kb, "my:mug a rt:Mug ; rt:objectId 'nao-1/1'")
+        insert(kb, "my:mug rt:objectId 'nao-1/1'", agent="nao-2")  # the same object
+        for robot, statement in (
+            ("nao-2", "its:mug a rt:Mug ; rt:objectId 'nao-1/1'"),
+            ("nao-1", "my:other rt:objectId 'nao-1/1'"),
+            ("nao-2", "its:a a rt:Mug ; rt:objectId 'nao-2/1' . its:b rt:objectId 'nao-2/1'"),
+        ):
+            with pytest.raises(ForbiddenError, match="another object has that id") as refused:
+                insert(kb, statement, agent=robot)
+            assert refused.value.details["right"] == "schema"
+        load = [Quad(NamedNode("urn:x"), NamedNode("https://w3id.org/rtask-kg/ns#objectId"),
+                     Literal("nao-1/1"), kb.graphs.agent("nao-2"))]  # fmt: skip
+        with pytest.raises(ForbiddenError, match="another object has that id"):
+            kb.bulk_add(load, kb.graphs.agent("nao-2"), Request(kb.access("nao-2")))
+        insert(kb, "its:mug a rt:Mug ; rt:objectId 'nao-2/1'", agent="nao-2")
+        text = (
+            f"{PREFIXES}{OTHER}DELETE DATA {{ its:mug rt:objectId 'nao-2/1' }} ; "
+            "INSERT DATA { its:cup a rt:Mug ; rt:objectId 'nao-2/1' }"
+        )
+        assert kb.update(text, agent="nao-2")
+        insert(kb, "<urn:same> a rt:Mug ; rt:objectId 'nao-1/1'", access=Access())
+        assert kb.query(
+            f"{PREFIXES}{OWN}ASK {{ my:mug owl:sameAs <urn:same> . "
+            "FILTER NOT EXISTS { my:mug owl:sameAs <urn:x> } }"
+        )
 
 
 def test_terms_of_ontologies_are_those_of_the_ontologies_there_now() -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import os
+import shutil
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import rtask
 from rtask.errors import StoreFormatError, UnsupportedError, UsageError
+from rtask.kb.durability.settings import Settings
 from rtask.kb.maintenance import backup as backup_module
 from rtask.kb.maintenance.backup import restore
 from rtask.knowledge_base import KnowledgeBase
@@ -143,6 +147,38 @@ def test_a_backup_that_is_killed_is_not_restored_and_holds_all_once_it_opens(
         assert kb.seq == 1
         [quad] = kb.match("urn:view")
         assert kb.blobs.read(quad.object) == b"pixels"  # type: ignore[arg-type]
+        assert kb.verify() == []
+
+
+@pytest.mark.parametrize("copied", [1, 6, None], ids=["one", "six", "all but the settings"])
+def test_what_a_killed_restoring_leaves_is_no_knowledge_base(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, copied: int | None
+) -> None:
+    with _filled(tmp_path / "kb") as kb:
+        kb.backup(tmp_path / "backup")
+    done: list[str] = []
+
+    def copy(source: str, target: str) -> None:
+        if len(done) == copied:
+            raise KeyboardInterrupt  # nothing is cleaned up after it, as after a kill
+        done.append(shutil.copy2(source, target))
+
+    def kill(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    copytree = functools.partial(shutil.copytree, copy_function=copy)
+    tools = SimpleNamespace(copytree=copytree, ignore_patterns=shutil.ignore_patterns)
+    monkeypatch.setattr(backup_module, "shutil", tools)
+    monkeypatch.setattr(Settings, "save", kill)
+    with pytest.raises(KeyboardInterrupt):
+        restore(tmp_path / "backup", tmp_path / "again")
+    monkeypatch.undo()
+    with pytest.raises(StoreFormatError, match="not a knowledge base"):
+        _open(tmp_path / "again")
+    with pytest.raises(UsageError, match="not empty"):
+        restore(tmp_path / "backup", tmp_path / "again")
+    restore(tmp_path / "backup", tmp_path / "whole")
+    with _open(tmp_path / "whole") as kb:
         assert kb.verify() == []
 
 
