@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from features.perception import Seen
     from features.segmentation import Scene, SegmentedObject, SegmentParams
 
-__all__ = ["cut", "cut_in_base"]
+__all__ = ["cut", "cut_in_base", "refuse_doubtful"]
 
 
 def cut(seen: Frame | Cloud, preset: str = "auto", min_points: int | None = None) -> Scene:
@@ -37,9 +37,32 @@ def cut(seen: Frame | Cloud, preset: str = "auto", min_points: int | None = None
     if min_points is not None:
         params = replace(params or SegmentParams(), min_points=min_points)
     try:
-        return segment_scene(points, colours, params)
+        scene = segment_scene(points, colours, params)
     except ValueError as error:
         raise DataError(str(error)) from error
+    if not scene.objects:
+        refuse_doubtful(seen)
+    return scene
+
+
+def refuse_doubtful(seen: Frame | Cloud) -> None:
+    """Refuse a view in which nothing was found if its unit is doubtful: that is why, then.
+
+    Raises
+    ------
+    DataError
+        Depth or points lie as far apart as in another unit than metres.
+    """
+    from features.geometry import Frame
+    from features.imaging.pictures import implausible_cloud, implausible_depth
+
+    doubt = (
+        implausible_depth(seen.depth_m)
+        if isinstance(seen, Frame)
+        else implausible_cloud(seen.positions)
+    )
+    if doubt:
+        raise DataError(f"no object was found; {doubt}")
 
 
 def _params(preset: str) -> SegmentParams | None:
@@ -88,6 +111,8 @@ def cut_in_base(
         seen = perceive(frame, base_from_camera)
     except ValueError as error:
         raise DataError(str(error)) from error
+    if not seen.objects:
+        refuse_doubtful(frame)
     large = [each for each in seen.objects if len(each.points) >= min_points]
     labels = np.zeros(frame.depth_m.shape, np.int32)
     for number, each in enumerate(large, start=1):

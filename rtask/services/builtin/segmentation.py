@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from annotated_types import Ge
 
-from rtask.engine.perception.cutting import cut
+from rtask.engine.perception.cutting import cut, refuse_doubtful
 from rtask.errors import DataError, ServiceError
 from rtask.services.service import Service, method, startup
 from rtask.wire.message import Answer
@@ -174,6 +174,8 @@ class Segmentation(Service):
             seen = perceive(view, sensor_pose)
         except ValueError as error:
             raise ServiceError(f"cloud: {error}", field="cloud") from error
+        if not seen.objects:
+            refuse_doubtful(view)
         look = look_of(seen, sensor_pose, None)
         height = None if np.isnan(look.table_height) else look.table_height
         table = None if look.table is None else _box(look.table)
