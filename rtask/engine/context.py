@@ -10,10 +10,10 @@ from rtask.engine.decision_log import FILE, DecisionLog
 from rtask.engine.embeddings import Embeddings
 from rtask.engine.grippers import GripperCatalogue
 from rtask.engine.honesty import HonestyCatalogue
-from rtask.engine.memory.population import PopulationCatalogue
 from rtask.engine.names import Names
 from rtask.engine.observation import Observation
 from rtask.engine.policy import Policy
+from rtask.engine.population import PopulationCatalogue
 from rtask.engine.stored import Models, Recent
 from rtask.engine.terms import ClassCatalogue, TermCatalogue, failure_reasons
 from rtask.engine.upkeep import Upkeep

@@ -12,9 +12,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from rtask.engine.judged import JUDGED
 from rtask.engine.memory.calibration import Scored, calibrate, own_outcomes
 from rtask.engine.memory.causes import Causes, restate
-from rtask.engine.memory.question import JUDGED
 from rtask.engine.names import tail
 from rtask.engine.policy import UNJUDGED
 from rtask.engine.triples import Triples
