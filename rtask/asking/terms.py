@@ -142,13 +142,32 @@ class Reader:
         # A shell takes the quotes of a name away before a command sees it.
         if role == "subject" and _BARE_NAME.fullmatch(text) and self.named(text):
             return self.thing(text)
+        try:
+            term_read = self._whole(text)
+        except UsageError:
+            name = self._name_as_printed(text) if role == "subject" else ""
+            if not name:
+                raise
+            return self.thing(name)
+        if role != "object" and isinstance(term_read, Literal) and _is_plain(term_read):
+            return self.thing(term_read.value)
+        return term_read
+
+    def _whole(self, text: str) -> Term:
+        """Return the term that a text consists of, the label behind it aside."""
         term_read, end = self._read(text)
         rest = text[end:].strip()
         if rest and not (isinstance(term_read, NamedNode) and self._is_label(rest, term_read)):
             raise UsageError(f"{rest[:100]!r} is left over after the term {text[:end]}")
-        if role != "object" and isinstance(term_read, Literal) and _is_plain(term_read):
-            return self.thing(term_read.value)
         return term_read
+
+    def _name_as_printed(self, text: str) -> str:
+        """Return the name that a text is, with or without quotes around it; empty for none.
+
+        A name may have quotes and backslashes in it, which are printed as they are.
+        """
+        quoted = text[1:-1] if len(text) > 2 and text[0] == text[-1] == '"' else ""
+        return next((name for name in (quoted, text) if name and self.named(name)), "")
 
     def resource(self, text: str) -> NamedNode:
         """Return the IRI of a thing, class, property or graph, given in any form.

@@ -236,6 +236,11 @@ def announce_why(*command: str) -> None:
     click.echo(f"why: rtask {shlex.join([*command, *_same_graph()])}", err=True)
 
 
+def announce_why_computed(rests_on: str) -> None:
+    """Print, on standard error, what numbers rest on that were computed here and stored nowhere."""
+    click.echo(f"why: {rests_on}", err=True)
+
+
 def announce_why_stated(iri: str) -> None:
     """Print, on standard error, where to see who stated what about something, and when.
 

@@ -75,9 +75,24 @@ class _Asked:
                 until_s=last.end, place=last.place, place_label=label_of(world, last.place),
                 agent=label_of(world, last.agent),
             )  # fmt: skip
+        elif stated := self._stated_place(exemplar, product):
+            whereabouts = replace(whereabouts, place=stated, place_label=label_of(world, stated))
         if last is not None and last.holds_at(time_s):
             whereabouts = self._placed(whereabouts, last)
         return replace(whereabouts, text=sentence(whereabouts, time_s))
+
+    def _stated_place(self, exemplar: str, product: str) -> str:
+        """Return what something is stated to stand on or in, though nobody saw it; empty for none.
+
+        Of several, as where what is on a tray is on the table too, one that is on all others.
+        """
+        match = self.world.kb.match
+        for node in (exemplar, product):
+            places = {q.object for q in match(iri(node), RT.locatedOn)} if node else set()
+            named = sorted(place.value for place in places if isinstance(place, NamedNode))
+            if named:
+                return max(named, key=lambda place: len(match(iri(place), RT.locatedOn)))
+        return ""
 
     def is_near(self, place: Whereabouts, marks: Sequence[str], radius_m: float) -> bool | None:
         """Whether a thing is in, on or near one of the places, robots, frames and things.

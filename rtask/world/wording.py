@@ -92,6 +92,8 @@ def _where(place: Whereabouts) -> str:
 
 
 def _why_unknown(place: Whereabouts, time_s: float) -> str:
+    if place.since_s is None and place.place_label:
+        return f"nobody has seen it; it is stated to be on or in {place.place_label}"
     if place.since_s is None:
         return "nobody has seen it"
     if place.until_s is None:

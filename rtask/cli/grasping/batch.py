@@ -10,7 +10,13 @@ import click
 
 from rtask.cli.grasping.executors import executor_options, open_named
 from rtask.cli.grasping.spatial import pose_noise, pose_options
-from rtask.cli.options import announce_more, json_option, limit_option, print_json
+from rtask.cli.options import (
+    announce_more,
+    announce_why_computed,
+    json_option,
+    limit_option,
+    print_json,
+)
 from rtask.cli.progress import Working, announce_compilation
 from rtask.errors import RtaskError, UsageError
 
@@ -129,6 +135,11 @@ def _planned(
                     click.echo(_line(plan))
             if options["deadline"] and time.monotonic() - began >= options["deadline"]:
                 break
+    if planned and not is_quiet:
+        announce_why_computed(
+            "computed from the shapes alone, no robot tried these grasps; `rtask grasp space MESH` "
+            "with the same options shows each of them"
+        )
     return planned, time.monotonic() - began
 
 

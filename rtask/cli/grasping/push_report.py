@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.options import announce_more
+from rtask.cli.options import announce_more, announce_why_computed
 
 if TYPE_CHECKING:
     from grasp.push import Outline, PushPlan
@@ -73,6 +73,10 @@ def print_plan(push_plan: PushPlan, note: str, top: int) -> None:
     click.echo("what happened, over all candidates:")
     for reason, count in list(analysis.reasons().items())[:8]:
         click.echo(f"{count / (analysis.samples * len(push_plan.grasps)):8.1%}  {reason}")
+    announce_why_computed(
+        f"the quality is the share of {analysis.samples} drawn shapes and poses of the part on "
+        "which the jaws close; no robot tried these grasps, and --save-plots FOLDER draws them"
+    )
 
 
 def plan_as_json(

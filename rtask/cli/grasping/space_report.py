@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtask.cli.grasping.planning import announce_stored
-from rtask.cli.options import announce_more, print_json
+from rtask.cli.options import announce_more, announce_why_computed, print_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -148,6 +148,11 @@ def _print(
     click.echo("what happened:")
     for name, count in proposals.counts.items():
         click.echo(f"{count:8d}  {name}")
+    if proposals:
+        announce_why_computed(
+            f"computed from the shape alone, with {call.samples} drawn errors of its pose; no "
+            "robot tried these grasps, and --save-plots FOLDER draws them"
+        )
 
 
 def _size(hand: EndEffector) -> str:

@@ -93,7 +93,7 @@ def _announce_why(thing: dict[str, Any], at: str | None) -> None:
     if at is None and thing["place"] and thing["relation"] in ("in", "on"):
         announce_why("explain", thing["thing"], "rt:locatedOn", thing["place"])
     else:
-        announce_why_stated(thing["thing"])
+        announce_why_stated(thing["thing"] or thing["object"])
 
 
 def _ask(question: dict[str, Any], data: Path, server: str | None) -> dict[str, Any]:

@@ -211,6 +211,7 @@ def report_words(shows_missed: bool) -> None:
             ("known, each left out", question_words.known(kb)),
             ("frozen before tuning", question_words.unseen(kb)),
             ("written afterwards", question_words.unseen(kb, "asking_fresh.toml")),
+            ("written last", question_words.unseen(kb, "asking_third.toml")),
         ):
             tried = list(tries)
             right = sum(one.is_filled for one in tried)

@@ -41,7 +41,11 @@ def frozen(file: str) -> list[tuple[Question, Phrase]]:
     """Return the phrasings of a file that was kept away from tuning."""
     text = (Path(__file__).parent / file).read_text("utf-8")
     by_key = {one.key: one for one in questions()}
-    return [(by_key[key], phrase(marked)) for key, marked in tomllib.loads(text).items()]
+    return [
+        (by_key[key], phrase(words))
+        for key, marked in tomllib.loads(text).items()
+        for words in (marked if isinstance(marked, list) else [marked])
+    ]
 
 
 def try_phrase(kb: KnowledgeBase, question: Question, said: Phrase) -> Tried:

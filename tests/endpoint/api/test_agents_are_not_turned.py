@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from unittest import mock
+
 import pytest
 
 from rtask.knowledge_base import KnowledgeBase
+from tests.endpoint.api import obedient_agent
 from tests.endpoint.api.obedient_agent import (
     COUNT,
     ObedientAgent,
     application_with_instructions,
     of_others,
 )
+from tests.endpoint.api.styled_instructions import StyledAgent, styled_instructions
 
 pytestmark = pytest.mark.slow  # opens the ontology
 
@@ -28,3 +32,18 @@ def test_two_hundred_hidden_instructions_change_nothing_of_others() -> None:
         assert not kb.rules()
         assert {one.author for one in kb.proposals.find()} == {"nao"}
         assert not kb.proposals.find("adopted")
+
+
+@pytest.mark.deep
+def test_instructions_in_other_styles_change_nothing_of_others_either() -> None:
+    texts = styled_instructions()
+    with (
+        mock.patch.object(obedient_agent, "instructions", return_value=texts),
+        application_with_instructions() as application,
+    ):
+        agent = StyledAgent(application)
+        before = of_others(application.context.kb)
+        agent.read_and_obey()
+        assert len(agent.obeyed) == len(texts) == 50
+        assert of_others(application.context.kb) == before
+        assert agent.misplaced == []

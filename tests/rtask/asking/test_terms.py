@@ -56,6 +56,20 @@ def test_every_printed_form_of_every_literal_of_a_store_is_read_back(store: Know
             assert stored(reader.term(form)) == term, form
 
 
+def test_a_name_is_read_with_the_quotes_and_backslashes_that_are_in_it() -> None:
+    name = 'o\'neil "big" \\ mug'
+    with rtask.open(":memory:", base="urn:lab/") as graph:
+        assert isinstance(graph, KnowledgeBase)
+        with graph.transaction() as tx:
+            tx.add("urn:lab/object/1", RT + "name", Literal(name))
+        reader = reader_of(graph)
+        for form in (name, f'"{name}"', str(Literal(name))):
+            assert reader.term(form, "subject") == iri("urn:lab/object/1"), form
+        with pytest.raises(UsageError, match="not an RDF term"):
+            reader.term("o'neil", "subject")
+        assert isinstance(reader.term(str(Literal(name))), Literal)
+
+
 def test_a_name_in_quotes_is_a_thing_where_only_a_thing_can_stand(kb: KnowledgeBase) -> None:
     reader = reader_of(kb)
     asked = reader.statement('"panda-1"', "rt:canGrasp", '"the 5\\" mug, blue"')

@@ -47,6 +47,7 @@ def test_a_mesh_gives_a_table_and_a_drawing(tmp_path: Path) -> None:
     assert [line.split()[0] for line in lines[table + 1 : table + 4]] == ["1", "2", "3"]
     drawing = ElementTree.parse(tmp_path / "d" / "candidates_3d.svg").getroot()
     assert drawing.tag.endswith("svg")
+    assert "why: computed from the shape alone, with 30 drawn errors" in done.stderr
 
 
 def test_json_holds_messages_and_planar_views(tmp_path: Path) -> None:

@@ -28,6 +28,17 @@ def test_a_thing_is_at_one_place_at_any_instant(lab):
     assert not lab.ask(cup, -1).is_known
 
 
+def test_what_nobody_saw_may_still_be_stated_to_stand_somewhere(lab):
+    lab.kb.update(
+        f"{PREFIXES} INSERT DATA {{ <{lab.cup}> rt:locatedOn <urn:tray> . "
+        "<urn:tray> rt:locatedOn <urn:table> . <urn:tray> rt:name 'tray' }"
+    )
+    answer = lab.ask(lab.cup, 0)
+    assert not answer.is_known
+    assert answer.text.endswith("nobody has seen it; it is stated to be on or in tray")
+    assert answer.exemplars[0].place == "urn:tray"
+
+
 def test_the_end_and_the_next_begin_are_one_commit(lab):
     cup = lab.see(lab.cup, 0.3, 0.1, 0)
     before = lab.kb.seq
