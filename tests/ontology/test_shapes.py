@@ -109,7 +109,15 @@ PLACEMENT_FAULTS = [
 ]
 CLAIMED = ":cl a rt:TaskClaim ; prov:wasAssociatedWith :nao1 ; "
 UNTIL = 'rt:claimedUntil "2026-01-01T10:00:00Z"^^xsd:dateTime'
+ASKED = (
+    ":q a rt:Question ; rt:asksAbout :t1 ; prov:wasAttributedTo :nao1 ; "
+    'rt:answerableUntil "2026-01-01T10:00:00Z"^^xsd:dateTime ; rt:hasAnswerChoice :c1, :c2'
+)
 FAULTS = [
+    ("q", "Question", add(ASKED + ' ; rt:questionText "well?"')),
+    ("q", "Question", add(ASKED + " ; rt:choiceOtherwise :c1")),
+    ("a", "HumanAnswer", add(":a a rt:HumanAnswer ; rt:answersQuestion :q ; rt:chosenAnswer :c1")),
+    ("a", "HumanAnswer", add(":a a rt:HumanAnswer ; prov:wasAttributedTo :ann")),
     ("cl", "TaskClaim", add(CLAIMED + UNTIL)),
     ("cl", "TaskClaim", add(CLAIMED + "rt:claims :t1")),
     ("cl", "TaskClaim", add(CLAIMED + UNTIL + ' ; rt:claims :t1 ; rt:claimResult "perhaps"')),

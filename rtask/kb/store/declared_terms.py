@@ -1,6 +1,6 @@
 """Terms that ontologies declare: what they mean is nobody's to say but their ontology's.
 
-`rt:mass a rt:Robot` is no axiom by its vocabulary, and yet it has everybody meet a robot where a
+`rt:mass a cora:Robot` is no axiom by its vocabulary, and yet it has everybody meet a robot where a
 property is.
 """
 

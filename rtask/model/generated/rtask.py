@@ -422,6 +422,33 @@ class Physical(Entity):
     time: Links[TimePosition] = Links(_SUMO + "time", _SUMO + "TimePosition")
 
 
+class AnswerChoice(ProvEntity):
+    """One of the answers to a question; its label is for people, its code for the robot.
+
+    ``rt:AnswerChoice``
+
+    Attributes
+    ----------
+    answer_code
+        What the robot does with this answer, in a code of its own such as go_on, done, leave,
+        at or gone.
+    answer_helps
+        Whether the robot expects the task to succeed with this answer; other answers let it
+        do what it would have done, or leave it.
+    answer_number
+        The place of the choice among those of its question, from 1. [NUM]
+    answer_place
+        The place or end effector that the answer names.
+    """
+
+    __iri__: ClassVar[str] = _RT + "AnswerChoice"
+
+    answer_code: Many[str] = Many(_RT + "answerCode", _XSD + "string")
+    answer_helps: Many[bool] = Many(_RT + "answerHelps", _XSD + "boolean")
+    answer_number: Many[int] = Many(_RT + "answerNumber", _XSD + "positiveInteger", unit="NUM")
+    answer_place: Links[Object] = Links(_RT + "answerPlace", _SUMO + "Object")
+
+
 class GraspRefusal(Activity):
     """A decision against a grasp because a confidence was below its threshold (Kehoe 2014, 4.3).
 
@@ -461,6 +488,29 @@ class GraspRefusal(Activity):
     required_confidence: One[float] = One(_RT + "requiredConfidence", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
 
 
+class HumanAnswer(ProvEntity):
+    """The answer of a person, to whom it is attributed, to the question of a robot.
+
+    ``rt:HumanAnswer``
+
+    Attributes
+    ----------
+    answer_remark
+        What the person said besides.
+    answers_question
+        The question.
+    chosen_answer
+        The choice that the person made.
+    """
+
+    __iri__: ClassVar[str] = _RT + "HumanAnswer"
+    __required__: ClassVar[tuple[str, ...]] = ("answers_question", "chosen_answer", "was_attributed_to",)
+
+    answer_remark: Many[str] = Many(_RT + "answerRemark", _XSD + "string")
+    answers_question: Link[Question] = Link(_RT + "answersQuestion", _RT + "Question")
+    chosen_answer: Link[AnswerChoice] = Link(_RT + "chosenAnswer", _RT + "AnswerChoice")
+
+
 class Interval(ProperInterval):
     """A stretch of time with a begin and an end.
 
@@ -469,6 +519,47 @@ class Interval(ProperInterval):
 
     __iri__: ClassVar[str] = _RT + "Interval"
     __required__: ClassVar[tuple[str, ...]] = ("has_beginning", "has_end",)
+
+
+class Question(ProvEntity):
+    """What a robot, to whom it is attributed, asks people about a planned task. The task waits until
+    somebody answers, or until rt:answerableUntil; its robot does other tasks meanwhile.
+
+    ``rt:Question``
+
+    Attributes
+    ----------
+    answerable_until
+        When the robot goes on without an answer.
+    asks_about
+        The planned task that waits for the answer.
+    choice_otherwise
+        The choice that the robot makes itself where nobody answers in time: what it would
+        have done without asking.
+    has_answer_choice
+        One of the answers to choose from.
+    question_kind
+        A code of the robot's own for what it asks, such as act (whether to do what is likely
+        to fail) or where (a thing is not to be seen).
+    question_picture
+        What the robot saw when it asked.
+    question_reason
+        Why asking was worth its price, in words.
+    question_text
+        The question in words.
+    """
+
+    __iri__: ClassVar[str] = _RT + "Question"
+    __required__: ClassVar[tuple[str, ...]] = ("answerable_until", "asks_about", "choice_otherwise", "has_answer_choice", "question_text", "was_attributed_to",)
+
+    answerable_until: One[datetime.datetime] = One(_RT + "answerableUntil", _XSD + "dateTime")
+    asks_about: Link[Task] = Link(_RT + "asksAbout", _RT + "Task")
+    choice_otherwise: Link[AnswerChoice] = Link(_RT + "choiceOtherwise", _RT + "AnswerChoice")
+    has_answer_choice: Links[AnswerChoice] = Links(_RT + "hasAnswerChoice", _RT + "AnswerChoice")
+    question_kind: Many[str] = Many(_RT + "questionKind", _XSD + "string")
+    question_picture: Links[ColorImage] = Links(_RT + "questionPicture", _RT + "ColorImage")
+    question_reason: Many[str] = Many(_RT + "questionReason", _XSD + "string")
+    question_text: One[str] = One(_RT + "questionText", _XSD + "string")
 
 
 class TaskClaim(Activity):
@@ -3189,8 +3280,14 @@ class TaskPlan(Task):
 
     Attributes
     ----------
+    asking_price
+        What a question to a person about a step of the plan costs, in any unit that
+        rt:failingPrice has, too. [UNITLESS]
     cancel_reason
         Why somebody cancelled the plan, at prov:invalidatedAtTime.
+    failing_price
+        What a step of the plan that fails costs, in any unit that rt:askingPrice has, too.
+        [UNITLESS]
     goal_text
         The goal in the words of whoever stated it.
     plan_assumption
@@ -3206,7 +3303,9 @@ class TaskPlan(Task):
 
     __iri__: ClassVar[str] = _RT + "TaskPlan"
 
+    asking_price: Many[float] = Many(_RT + "askingPrice", _XSD + "double", unit="UNITLESS")
     cancel_reason: Many[str] = Many(_RT + "cancelReason", _XSD + "string")
+    failing_price: Many[float] = Many(_RT + "failingPrice", _XSD + "double", unit="UNITLESS")
     goal_text: Many[str] = Many(_RT + "goalText", _XSD + "string")
     plan_assumption: Many[str] = Many(_RT + "planAssumption", _XSD + "string")
     replaces_plan: Links[TaskPlan] = Links(_RT + "replacesPlan", _RT + "TaskPlan")
