@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grasp.learning.population import Population, ProductEvidence, evidence_of
-from rtask.engine.judged import JUDGED
+from rtask.engine.policy import JUDGED
 from rtask.rdf.namespaces import PREFIXES, RT
 
 if TYPE_CHECKING:

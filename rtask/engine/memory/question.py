@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rtask.engine.grippers import StoredGripper
-from rtask.engine.judged import JUDGED
 from rtask.engine.observation import Observation
-from rtask.engine.policy import Policy
+from rtask.engine.policy import JUDGED, Policy
 from rtask.rdf.namespaces import PREFIXES, RT, values
 from rtask.rdf.terms import iri
 

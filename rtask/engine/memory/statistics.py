@@ -12,11 +12,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.judged import JUDGED
 from rtask.engine.memory.calibration import Scored, calibrate, own_outcomes
 from rtask.engine.memory.causes import Causes, restate
 from rtask.engine.names import tail
-from rtask.engine.policy import UNJUDGED
+from rtask.engine.policy import JUDGED, UNJUDGED
 from rtask.engine.triples import Triples
 from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT, reason
 from rtask.rdf.terms import NamedNode, object_term, python_value
