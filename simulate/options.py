@@ -117,7 +117,7 @@ def products(default: str) -> Option:
     """Return the option for the set of products on the tables."""
     return click.option(
         "--products",
-        type=click.Choice(["plain", "hard", "light", "fragile"]),
+        type=click.Choice(["plain", "hard", "light", "fragile", "unforeseen"]),
         default=default,
         show_default=True,
         help="Plain products, or ones whose best grasp cannot be seen.",

@@ -10,7 +10,7 @@ import click
 
 from rtask.errors import RobotError
 from simulate.fleet.commands import requests
-from simulate.fleet.study_commands import attempts, demo, sharing, trust
+from simulate.fleet.study_commands import attempts, demo, sharing, trust, unforeseen
 from simulate.study.asking.command import asking_price
 from simulate.study.clutter.command import piles
 from simulate.study.commands import grasping, judging, learn, table4, table5
@@ -34,7 +34,7 @@ def study() -> None:
 
 for _command in (
     asking_price, attempts, day, demo, grasp_quality, grasping, hands, judging, learn, piles,
-    push_grasps, requests, sharing, table4, table5, tasks, trust, why,
+    push_grasps, requests, sharing, table4, table5, tasks, trust, unforeseen, why,
 ):  # fmt: skip
     study.add_command(_command)
 

@@ -3,7 +3,8 @@
 A failure says more than that this grasp fails. Of a long thing, either nothing hides; or its centre
 of mass lies somewhere along it, and whatever is held far from there turns in the hand; or a zone
 at one end, of any share of the length, gives way wherever fingers touch it. Each is a hypothesis;
-attempts make them more or less likely by Bayes' rule. What follows holds for every hand.
+attempts make them more or less likely by Bayes' rule. What follows holds for every hand. A choice
+also weighs that it may be none of these (:mod:`grasp.learning.hypotheses`).
 """
 
 from __future__ import annotations
@@ -15,29 +16,26 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.learning.hypotheses import (
+    CAUSES_PRIOR,
+    CENTRES,
+    MASSES,
+    PRIOR,
+    STEP,
+    ZONE_NUMBERS,
+    ZONES,
+    allowed,
+    allowed_by_causes,
+    log_likelihood,
+)
+
 __all__ = [
     "Hidden", "HiddenHypothesis", "decisive_causes", "hidden_causes", "hidden_hypotheses",
     "hidden_share",
 ]  # fmt: skip
 
-_NOTHING, _MASS, _ZONE = 0.6, 0.2, 0.2
-"""Chances that nothing hides, that the mass lies anywhere, that a zone is weak."""
-_CENTRES = np.linspace(-0.45, 0.45, 19)
-_ZONES = np.array([[end, share] for end in (-1.0, 1.0) for share in (0.3, 0.4, 0.5, 0.6, 0.7)])
-_LEVER = 0.12
-"""Distance from the centre of mass at which most grasps still hold, standard deviation."""
-_RARELY = 0.05
-"""Chance to hold against a cause."""
-_USUALLY = 0.85
-"""Chance to hold where nothing speaks against it."""
-_STEP = float(_CENTRES[1] - _CENTRES[0])
 _MIDDLE = 0.06
 """A centre of mass nearer to the middle is not called off-centre."""
-_PRIOR = np.concatenate([
-    [_NOTHING],
-    np.full(len(_CENTRES), _MASS / len(_CENTRES)),
-    np.full(len(_ZONES), _ZONE / len(_ZONES)),
-])  # fmt: skip
 
 
 def hidden_share(
@@ -46,11 +44,13 @@ def hidden_share(
     tried: NDArray[np.float64],
     held: NDArray[np.float64],
     weights: NDArray[np.float64],
+    prior: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Return by what factor attempts lower the chance of grasps along an object, (n,).
 
-    1 for the grasps for which most speaks, and for all without attempts: nothing is assumed to hide
-    before something was tried, and where all grasps are in one place nothing follows.
+    1 for the grasps for which most speaks, and for all without attempts at this object or others:
+    nothing is assumed to hide before something was tried, and where all grasps are in one place
+    nothing follows.
 
     Parameters
     ----------
@@ -64,20 +64,24 @@ def hidden_share(
         1 for a success, 0 for a failure.
     weights : (k,)
         How far each attempt counts, 0 and up.
+    prior : (h,)
+        Of the hypotheses, from attempts at other objects
+        (:meth:`grasp.learning.population.Population.prior_of`); None = there are none.
 
     Examples
     --------
     >>> along = np.array([-0.3, 0.0, 0.3])
     >>> failed = np.array([0.0, 0.3])
     >>> hidden_share(along, 0.1, failed, np.zeros(2), np.ones(2)).round(1).tolist()
-    [1.0, 0.3, 0.4]
+    [1.0, 0.4, 0.5]
     """
-    if len(tried) == 0 or len(places) == 0:
+    if len(places) == 0 or (len(tried) == 0 and prior is None):
         return np.ones(len(places))
-    prior, posterior = _PRIOR, _posterior(tried, half_finger, held, weights)
-    allowed = _allowed(places, half_finger)
+    left = allowed(places, half_finger)
+    likelihood = log_likelihood(allowed(tried, half_finger), held, weights)
+    posterior = _updated(PRIOR if prior is None else prior, likelihood)
     # Rounded, so that the order of the attempts does not affect the last bit.
-    share = (posterior @ allowed) / (prior @ allowed)
+    share = (posterior @ left) / (PRIOR @ left)
     return np.asarray(np.round(share / share.max(), 9))
 
 
@@ -123,22 +127,20 @@ class HiddenHypothesis(Hidden):
         >>> mass.share_at(mass.start, 0.05) > 0.9 > 0.1 > mass.share_at(-0.4, 0.05)
         True
         """
-        return float(_allowed(np.array([place]), half_finger)[self.number, 0])
+        return float(allowed_by_causes(np.array([place]), half_finger)[self.number, 0])
 
 
 def hidden_hypotheses() -> list[HiddenHypothesis]:
     """Return all hypotheses that something hides, without the one that nothing does."""
-    first_zone = 1 + len(_CENTRES)
     masses = [
-        HiddenHypothesis("mass", float(_PRIOR[1 + k]), float(centre), float(centre), 1 + k)
-        for k, centre in enumerate(_CENTRES)
+        HiddenHypothesis("mass", float(CAUSES_PRIOR[k]), centre, centre, k)
+        for k, centre in zip(MASSES.tolist(), CENTRES.tolist(), strict=True)
         if abs(centre) > _MIDDLE
     ]
     zones = []
-    for k, (end, reach) in enumerate(_ZONES.tolist()):
+    for k, (end, reach) in zip(ZONE_NUMBERS.tolist(), ZONES.tolist(), strict=True):
         start, stop = sorted((0.5 * end, end * (0.5 - reach)))
-        number = first_zone + k
-        zones.append(HiddenHypothesis("zone", float(_PRIOR[number]), start, stop, number))
+        zones.append(HiddenHypothesis("zone", float(CAUSES_PRIOR[k]), start, stop, k))
     return masses + zones
 
 
@@ -150,8 +152,9 @@ def hidden_causes(
 ) -> list[Hidden]:
     """Return the causes that are likely after some attempts, most likely first.
 
-    They are the hypotheses of :func:`hidden_share`, taken together by what a person would call one
-    cause: the centre of mass is off to one side, or a part at one end is weak.
+    They are the hypotheses of :func:`hidden_share` that can be named, compared with each other and
+    with nothing alone, and taken together by what a person would call one cause: the centre of mass
+    is off to one side, or a part at one end is weak.
 
     Parameters
     ----------
@@ -177,7 +180,8 @@ def hidden_causes(
     """
     if len(tried) == 0 or np.all(held > 0):
         return []
-    posterior = _posterior(tried, half_fingers, held, np.ones(len(tried)))
+    left = allowed_by_causes(tried, half_fingers)
+    posterior = _updated(CAUSES_PRIOR, log_likelihood(left, held, np.ones(len(tried))))
     causes = [cause for cause, _ in _named(posterior)]
     likely = [
         Hidden(
@@ -195,6 +199,7 @@ def decisive_causes(
     tried: NDArray[np.float64],
     held: NDArray[np.float64],
     weights: NDArray[np.float64],
+    prior: NDArray[np.float64] | None = None,
     least: float = 0.05,
 ) -> list[Hidden | None]:
     """Return for each grasp the cause that lowers its chance most, None where none does much.
@@ -214,12 +219,13 @@ def decisive_causes(
     >>> [cause and (cause.kind, cause.end) for cause in right]
     [('zone', 0.5), None]
     """
-    if len(tried) == 0:
+    if len(tried) == 0 and prior is None:
         return [None] * len(places)
-    posterior = _posterior(tried, half_finger, held, weights)
-    refused = 1.0 - _allowed(places, half_finger)
+    likelihood = log_likelihood(allowed(tried, half_finger), held, weights)
+    posterior = _updated(PRIOR if prior is None else prior, likelihood)
+    refused = 1.0 - allowed(places, half_finger)
     named = list(_named(posterior))
-    lost = np.stack([(posterior - _PRIOR)[members] @ refused[members] for _, members in named])
+    lost = np.stack([(posterior - PRIOR)[members] @ refused[members] for _, members in named])
     most = np.argmax(np.round(lost, 9), axis=0)
     return [
         named[cause][0] if lost[cause, place] >= least else None
@@ -229,45 +235,25 @@ def decisive_causes(
 
 def _named(posterior: NDArray[np.float64]) -> Iterator[tuple[Hidden, NDArray[np.intp]]]:
     """Yield what a person would call one cause, with the numbers of its hypotheses."""
-    first_zone = 1 + len(_CENTRES)
     for side in (-1.0, 1.0):
-        members = np.flatnonzero(side * _CENTRES > _MIDDLE)
-        chance, centres = posterior[1 + members], _CENTRES[members]
+        members = np.flatnonzero(side * CENTRES > _MIDDLE)
+        chance, centres = posterior[MASSES[members]], CENTRES[members]
         total = float(chance.sum())
         if total > 0:
             mean = float(chance @ centres) / total
             variance = float(chance @ centres**2) / total - mean**2
-            spread = max(variance, _STEP**2 / 12) ** 0.5
-            yield Hidden("mass", total, mean - spread, mean + spread), 1 + members
-        members = np.flatnonzero(_ZONES[:, 0] == side)
-        chance = posterior[first_zone + members]
+            spread = max(variance, STEP**2 / 12) ** 0.5
+            yield Hidden("mass", total, mean - spread, mean + spread), MASSES[members]
+        members = np.flatnonzero(ZONES[:, 0] == side)
+        chance = posterior[ZONE_NUMBERS[members]]
         total = float(chance.sum())
-        reach = float(chance @ _ZONES[members, 1]) / total if total > 0 else 0.0
+        reach = float(chance @ ZONES[members, 1]) / total if total > 0 else 0.0
         ends = sorted((side * 0.5, side * (0.5 - reach)))
-        yield Hidden("zone", total, ends[0], ends[1]), first_zone + members
+        yield Hidden("zone", total, ends[0], ends[1]), ZONE_NUMBERS[members]
 
 
-def _posterior(
-    tried: NDArray[np.float64],
-    half_finger: NDArray[np.float64] | float,
-    held: NDArray[np.float64],
-    weights: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return the probabilities (h,) of the hypotheses after attempts."""
-    chance = _USUALLY * _allowed(tried, half_finger)
-    likelihood = np.log(np.where(held[None] > 0, chance, 1 - chance)) @ weights
-    posterior: NDArray[np.float64] = _PRIOR * np.exp(likelihood - likelihood.max())
+def _updated(prior: NDArray[np.float64], likelihood: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the probabilities (h,) of hypotheses after attempts of a log-likelihood (h,)."""
+    posterior: NDArray[np.float64] = prior * np.exp(likelihood - likelihood.max())
     posterior /= posterior.sum()
     return posterior
-
-
-def _allowed(
-    places: NDArray[np.float64], half_finger: NDArray[np.float64] | float
-) -> NDArray[np.float64]:
-    """Return the share (h, n) of each grasp's chance that each hypothesis leaves."""
-    nothing = np.ones((1, len(places)))
-    lever = (places[None] - _CENTRES[:, None]) / _LEVER
-    mass = np.maximum(np.exp(-(lever**2) / 2), _RARELY)
-    reach = _ZONES[:, :1] * places[None] + half_finger
-    zone = np.where(reach > 0.5 - _ZONES[:, 1:], _RARELY, 1.0)
-    return np.concatenate([nothing, mass, zone])

@@ -13,6 +13,7 @@ from rtask.engine.honesty import HonestyCatalogue
 from rtask.engine.names import Names
 from rtask.engine.observation import Observation
 from rtask.engine.policy import Policy
+from rtask.engine.population import PopulationCatalogue
 from rtask.engine.stored import Models, Recent
 from rtask.engine.terms import ClassCatalogue, TermCatalogue, failure_reasons
 from rtask.engine.upkeep import Upkeep
@@ -67,7 +68,7 @@ class Context:
         Lock under which IRIs are minted and statements made and stored.
     planning
         Lock under which one plan for a goal is made at a time.
-    names, grippers, classes, functions, honesty
+    names, grippers, classes, functions, honesty, population
         Catalogues, refreshed after each commit.
     reasons
         Codes of the outcome reasons of the ontology.
@@ -107,6 +108,7 @@ class Context:
         self.colours = TermCatalogue(kb, RT.Colour)
         self.traits = TermCatalogue(kb, RT.ObjectTrait)
         self.honesty = HonestyCatalogue(kb)
+        self.population = PopulationCatalogue(kb, self.grippers, self.honesty)
         self.reasons = failure_reasons(kb)
         self.models = Models(kb)
         self.world = world_of(kb)
@@ -194,6 +196,7 @@ class Context:
         for terms in (self.functions, self.colours, self.traits):
             terms.forget_if_changed(change)
         self.honesty.forget_if_changed(change)
+        self.population.forget_if_changed(change)
         self.names.forget_new()
         if self._learning is not None and self._is_about_views(change):
             self._learning.announce()

@@ -285,7 +285,10 @@ def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
     clauses = [f"geometry rates it {parts['quality']:.2f}"]
     if parts["hidden"] < LOWERED:
         why = f", because {_cause_words(option.cause)}" if option.cause else ""
-        clauses.append(f"attempts elsewhere on it leave {parts['hidden']:.2f} of that{why}")
+        clauses.append(
+            f"attempts elsewhere on it and on others like it leave {parts['hidden']:.2f} of "
+            f"that{why}"
+        )
     if option.remembered is not None and option.remembered.attempts:
         remembered = option.remembered
         clauses.append(f"it held {remembered.successes} of {remembered.attempts} times")

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 
 from grasp.learning.bandit import Policy as Bandit
+from rtask.rdf.namespaces import reason
 
-__all__ = ["UNJUDGED", "Policy"]
+__all__ = ["JUDGED", "UNJUDGED", "Policy"]
 
 _SCHEME = 1
 UNJUDGED = (
@@ -21,6 +22,15 @@ UNJUDGED = (
 
 Such attempts are stored like all others but not counted: that an arm could not reach an object
 says nothing about grasping it elsewhere."""
+
+JUDGED = f"""?attempt rt:executesGrasp ?grasp ; prov:endedAtTime ?ended ; rt:hasOutcome ?outcome .
+    ?outcome rt:hasReason ?reason ; rt:success ?decided
+    BIND(IF(?decided, !EXISTS {{ ?outcome rt:judgedSuccess false }},
+      EXISTS {{ ?outcome rt:judgedSuccess true }}) AS ?held)
+    FILTER(?held != ?decided || ?reason NOT IN ({", ".join(map(str, map(reason, UNJUDGED)))}))
+    FILTER NOT EXISTS {{ ?outcome rt:disputed true }}"""
+"""Pattern of a judged attempt of ``?grasp``: verdicts of people override the report, and disputed
+attempts are left out."""
 
 
 @dataclass(frozen=True)

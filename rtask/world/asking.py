@@ -65,7 +65,7 @@ class _Asked:
         """Return the whereabouts of a thing, or of a product that has no things."""
         world, time_s = self.world, self.time_s
         last = self._last(exemplar, product)
-        doubts = tuple(world.doubts(exemplar)) if exemplar else ()
+        doubts = tuple(world.doubts(exemplar, time_s)) if exemplar else ()
         whereabouts = Whereabouts(
             exemplar, product, label_of(world, exemplar or product), _UNKNOWN, doubts=doubts
         )

@@ -119,8 +119,9 @@ class WorldEdit:
         if not exemplar:
             exemplar = self.make_exemplar(seen.product)
         for other, chance in doubts:
-            if not self._is_in_doubt(exemplar, other):
-                self.statements += doubted(self.world.kb.base, exemplar, other, chance)
+            if other not in dict(self.world.doubts(exemplar)):
+                base = self.world.kb.base
+                self.statements += doubted(base, exemplar, other, chance, seen.time_s)
         last = self.last(exemplar)
         if last is not None and seen.time_s < last.begin:
             return exemplar
@@ -302,6 +303,7 @@ class WorldEdit:
             last.is_current and last.place in seen.hands,
             there is not None or is_own or self._was_in_reach(last, seen),
             seen.time_s - last.confirmed,
+            last.relation == "held_by" and not last.is_current,
         )
 
     def _was_in_reach(self, last: Placement, seen: Seen) -> bool:
@@ -391,9 +393,6 @@ class WorldEdit:
             if other not in named and not self.world.is_merged(other)
         )
         return tuple((other, chance) for other, chance in chances if chance is not None)
-
-    def _is_in_doubt(self, exemplar: str, other: str) -> bool:
-        return bool(self.world.kb.match(iri(exemplar), RT.possiblyIdenticalTo, iri(other)))
 
 
 def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:

@@ -29,6 +29,7 @@ __all__ = ["MAX_DEPTH", "FrameTree", "Rooted", "Way"]
 
 MAX_DEPTH = 64
 """Frames that are followed from one to its root."""
+_MAX_RESOLVED = 1_000
 PlacementAt = Callable[[str, float], Placement | None]
 
 
@@ -91,6 +92,16 @@ class _Step:
     fault: str = ""
 
 
+@dataclass(eq=False)
+class _Resolved:
+    """What was resolved after a commit, for which nothing that is stored later counts."""
+
+    seq: int
+    bulk_loads: int
+    rooted: dict[tuple[str, float, float | None], Rooted] = field(default_factory=dict)
+    robots: dict[str, bool] = field(default_factory=dict)
+
+
 class FrameTree:
     """The frames of a knowledge base at any instant.
 
@@ -106,6 +117,14 @@ class FrameTree:
         self._kb = kb
         self._placement_at = placement_at
         self._rival_at = rival_at
+        self._memo = _Resolved(-1, -1)
+
+    def _memo_now(self) -> _Resolved:
+        """Return what was resolved since the last commit: a report asks the same many times."""
+        memo, state = self._memo, (self._kb.seq, self._kb.bulk_loads)
+        if (memo.seq, memo.bulk_loads) != state or len(memo.rooted) >= _MAX_RESOLVED:
+            memo = self._memo = _Resolved(*state)
+        return memo
 
     def rooted(self, frame: str, asked_s: float, measured_s: float | None = None) -> Rooted:
         """Return the pose of a frame in the root of its tree.
@@ -115,6 +134,13 @@ class FrameTree:
         asked_s, measured_s
             Unix time at which frames count, and at which those of robots count; default: the same.
         """
+        memo, key = self._memo_now().rooted, (frame, asked_s, measured_s)
+        rooted = memo.get(key)
+        if rooted is None:
+            rooted = memo[key] = self._resolve(frame, asked_s, measured_s)
+        return rooted
+
+    def _resolve(self, frame: str, asked_s: float, measured_s: float | None) -> Rooted:
         rooted = Rooted([frame])
         while not rooted.fault:
             count_s = self.instant(frame, asked_s, asked_s if measured_s is None else measured_s)
@@ -177,7 +203,12 @@ class FrameTree:
     def is_of_robot(self, frame: str) -> bool:
         """Whether a frame belongs to a robot, which may move while what it saw stays."""
         robot, located, _ = frame.rpartition("/frame/")
-        return bool(located) and bool(self._kb.match(iri(robot), RDF.type, CORA.Robot))
+        if not located:
+            return False
+        robots = self._memo_now().robots
+        if robot not in robots:
+            robots[robot] = bool(self._kb.match(iri(robot), RDF.type, CORA.Robot))
+        return robots[robot]
 
     def find(self, name: str) -> list[str]:
         """Return the frames of an IRI, a name in tf, or ``robot/name``, sorted."""

@@ -20,6 +20,9 @@ SURE = 0.95
 
 _NEW = 0.1
 """Weight of a thing that nobody has seen yet, beside the chances that a known one was moved."""
+_TURNS_UP = 0.25
+"""Weight of a thing that an unseen hand took, beside 1 for what slipped and must lie about."""
+
 _MIN_CHANCE = 0.01
 _SAME_LOOK_S = 2.0
 _CHANCE = 0.9
@@ -45,6 +48,8 @@ class Candidate:
         Whether it is, or was last, in the frames of the robot that sees one.
     age_s
         Time since it was last seen.
+    has_slipped
+        Whether a robot lost it from its hand, and nobody has seen it since.
     """
 
     exemplar: str
@@ -54,6 +59,7 @@ class Candidate:
     in_own_hand: bool = False
     is_reachable: bool = True
     age_s: float = 0.0
+    has_slipped: bool = False
 
 
 @dataclass(frozen=True)
@@ -110,10 +116,16 @@ def identify(
         return Identity(held[0], _shares(held[1:], len(held)), is_followed=len(held) == 1)
     lost = sorted(
         (c for c in candidates if not c.is_current and c.is_reachable),
-        key=lambda c: (c.distance_m is None, c.distance_m or 0.0, c.age_s, c.exemplar),
-    )
+        key=lambda c: (
+            not c.has_slipped, c.distance_m is None, c.distance_m or 0.0, c.age_s, c.exemplar,
+        ),
+    )  # fmt: skip
     if lost:
-        return Identity(lost[0].exemplar, _shares([c.exemplar for c in lost[1:]], len(lost)))
+        weights = [1.0 if c.has_slipped else _TURNS_UP for c in lost]
+        shares = [
+            (c.exemplar, weight / sum(weights)) for c, weight in zip(lost, weights, strict=True)
+        ]
+        return Identity(lost[0].exemplar, tuple(shares[1:]))
     moved = {
         candidate.exemplar: 1.0 - candidate.spread.still_there
         for candidate in candidates

@@ -38,6 +38,11 @@ RELATIONS: dict[NamedNode, Relation] = {
 DEFAULT_SIGMA_M = 0.01
 """Standard deviation per axis of a position that came without one, m."""
 
+# A namespace makes a term anew each time that it is asked, and placements are read very often.
+_CONFIRMED_AT, _SIGMA, _CONFIDENCE = RT.confirmedAt, RT.positionSigma, RT.placementConfidence
+_OF, _POSE, _IN_FRAME = RT.placementOf, RT.placementPose, RT.inFrame
+_BEGINNING, _END, _STAMP = TIME.hasBeginning, TIME.hasEnd, TIME.inXSDDateTimeStamp
+_AUTHOR, _SOURCE = PROV.wasAttributedTo, PROV.wasDerivedFrom
 _POSITION = (RT.x, RT.y, RT.z)
 _QUATERNION = (RT.qx, RT.qy, RT.qz, RT.qw)
 
@@ -90,8 +95,15 @@ class Placement:
         return self.begin <= time_s and (self.end is None or time_s < self.end)
 
 
-def read_placement(kb: GraphCore, node: str) -> Placement | None:
-    """Return a stored placement, or None if its subject or its begin is missing."""
+def read_placement(kb: GraphCore, node: str, parts: set[str] | None = None) -> Placement | None:
+    """Return a stored placement, or None if its subject or its begin is missing.
+
+    Parameters
+    ----------
+    parts
+        Takes the IRIs of the instants and the pose that it consists of.
+    """
+    parts = set() if parts is None else parts
     subject, begin, end, confirmed = "", None, None, []
     relation: Relation = "at"
     values: dict[str, str] = {}
@@ -100,27 +112,30 @@ def read_placement(kb: GraphCore, node: str) -> Placement | None:
     for quad in kb.match(iri(node)):
         value = quad.object
         if not isinstance(value, NamedNode):
-            if quad.predicate == RT.confirmedAt:
+            if quad.predicate == _CONFIRMED_AT:
                 confirmed.append(seconds(python_value(value)))
-            elif quad.predicate == RT.positionSigma:
+            elif quad.predicate == _SIGMA:
                 sigma = float(str(python_value(value)))
-            elif quad.predicate == RT.placementConfidence:
+            elif quad.predicate == _CONFIDENCE:
                 confidence = float(str(python_value(value)))
-        elif quad.predicate == RT.placementOf:
+        elif quad.predicate == _OF:
             subject = value.value
-        elif quad.predicate == TIME.hasBeginning:
+        elif quad.predicate == _BEGINNING:
+            parts.add(value.value)
             begin = _instant(kb, value)
-        elif quad.predicate == TIME.hasEnd:
+        elif quad.predicate == _END:
             # Two robots may each have said when it ended: the earlier one was there first.
+            parts.add(value.value)
             moment = _instant(kb, value)
             end = moment if end is None or (moment is not None and moment < end) else end
         elif quad.predicate in RELATIONS:
             relation, values["place"] = RELATIONS[quad.predicate], value.value
-        elif quad.predicate == RT.placementPose:
+        elif quad.predicate == _POSE:
             pose = value
-        elif quad.predicate == PROV.wasAttributedTo:
+            parts.add(value.value)
+        elif quad.predicate == _AUTHOR:
             values["agent"] = value.value
-        elif quad.predicate == PROV.wasDerivedFrom:
+        elif quad.predicate == _SOURCE:
             values["source"] = value.value
     if not subject or begin is None:
         return None
@@ -136,7 +151,7 @@ def read_placement(kb: GraphCore, node: str) -> Placement | None:
 def pose_of(kb: GraphCore, pose: NamedNode) -> tuple[str, NDArray[np.float64] | None]:
     """Return the frame of a stored pose and the pose (4, 4), m, or ("", None) if incomplete."""
     stored = {quad.predicate: quad.object for quad in kb.match(pose)}
-    frame = stored.get(RT.inFrame)
+    frame = stored.get(_IN_FRAME)
     if not isinstance(frame, NamedNode) or not {*_POSITION, *_QUATERNION} <= stored.keys():
         return "", None
     position, quaternion = (
@@ -153,6 +168,6 @@ def seconds(value: object) -> float:
 
 
 def _instant(kb: GraphCore, node: NamedNode) -> float | None:
-    for quad in kb.match(node, TIME.inXSDDateTimeStamp):
+    for quad in kb.match(node, _STAMP):
         return seconds(python_value(quad.object))
     return None

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rtask.rdf.namespaces import RDF, RT
+from rtask.rdf.namespaces import PROV, RDF, RT
 from rtask.rdf.terms import NamedNode, Triple, iri, python_value
 from rtask.world.frames import FrameTree, Way
 from rtask.world.index import PlacementIndex
-from rtask.world.placement import Placement, read_placement
+from rtask.world.placement import Placement, seconds
 from rtask.world.uncertainty import NEARBY_M, Spread, spread_of
 
 if TYPE_CHECKING:
@@ -69,18 +69,18 @@ class WorldState:
 
     def _rival_at(self, subject: str, time_s: float) -> Placement | None:
         node = self.index.rival(subject, time_s)
-        return None if node is None else read_placement(self.kb, node)
+        return None if node is None else self.index.read(node)
 
     def last_placement(self, subject: str, time_s: float = _NEVER) -> Placement | None:
         """Return the last placement of a thing that had begun by an instant, ended or not."""
         nodes = (self.index.last(name, time_s) for name in self.names_of(subject))
-        placements = [read_placement(self.kb, node) for node in nodes if node is not None]
+        placements = [self.index.read(node) for node in nodes if node is not None]
         return max((p for p in placements if p is not None), key=_by_begin, default=None)
 
     def history(self, subject: str) -> list[Placement]:
         """Return all placements of a thing or frame, oldest first."""
         nodes = (node for name in self.names_of(subject) for node in self.index.history(name))
-        placements = (read_placement(self.kb, node) for node in nodes)
+        placements = (self.index.read(node) for node in nodes)
         return sorted((p for p in placements if p is not None), key=_by_begin)
 
     def open_placements(self, subject: str) -> list[Placement]:
@@ -89,7 +89,7 @@ class WorldState:
         There is at most one, unless an end was taken back, or two things turned out to be one.
         """
         nodes = (node for name in self.names_of(subject) for node in self.index.open(name))
-        placements = (read_placement(self.kb, node) for node in nodes)
+        placements = (self.index.read(node) for node in nodes)
         return sorted((p for p in placements if p is not None and p.is_current), key=_by_begin)
 
     def names_of(self, exemplar: str) -> list[str]:
@@ -103,21 +103,52 @@ class WorldState:
                     todo.append(quad.subject.value)
         return list(names)
 
-    def doubts(self, exemplar: str) -> list[tuple[str, float]]:
-        """Return the things that this one may be, with the chances, as far as it is not settled."""
+    def doubts(self, exemplar: str, time_s: float = _NEVER) -> list[tuple[str, float]]:
+        """Return the things that this one may be, with the chances, as far as it is not settled.
+
+        A thing that was new is not another one that turns out to be where it always was. Where two
+        things were known before, and one of them was seen again, they are two all the same, and
+        which one was seen stays open from then on.
+
+        Parameters
+        ----------
+        time_s
+            Unix time about which is asked; default: now.
+        """
         node, doubts = iri(exemplar), []
         for quad in self.kb.match(node, RT.possiblyIdenticalTo):
             other = quad.object
-            if not isinstance(other, NamedNode) or self._is_settled(node, other):
+            if not isinstance(other, NamedNode):
                 continue
-            statement = Triple(node, RT.possiblyIdenticalTo, other)
+            is_settled = self._is_settled(node, other)
             chances = [
-                float(str(python_value(confidence.object)))
-                for link in self.kb.match(None, RDF.reifies, statement)
-                for confidence in self.kb.match(link.subject, RT.confidence)
-            ]
-            doubts.append((other.value, max(chances, default=0.5)))
+                chance for chance, since_s in self._stated_doubts(node, other)
+                if since_s <= time_s and (not is_settled or self._are_older(node, other, since_s))
+            ]  # fmt: skip
+            if chances:
+                doubts.append((other.value, max(chances)))
         return sorted(doubts, key=lambda doubt: (-doubt[1], doubt[0]))
+
+    def _stated_doubts(self, node: NamedNode, other: NamedNode) -> list[tuple[float, float]]:
+        """Return each chance that was stated, and since when; .5 if none was."""
+        stated = []
+        for link in self.kb.match(None, RDF.reifies, Triple(node, RT.possiblyIdenticalTo, other)):
+            times = self.kb.match(link.subject, PROV.generatedAtTime)
+            since_s = min((seconds(python_value(quad.object)) for quad in times), default=-_NEVER)
+            stated += [
+                (float(str(python_value(quad.object))), since_s)
+                for quad in self.kb.match(link.subject, RT.confidence)
+            ]
+        return stated or [(0.5, -_NEVER)]
+
+    def _are_older(self, node: NamedNode, other: NamedNode, time_s: float) -> bool:
+        """Whether both of two things had a place before a time, and none of them is the other."""
+        if self.kb.match(other, RT.mergedInto, node):
+            return False
+        return all(
+            any(begin < time_s for begin in self.index.begins(thing.value, -_NEVER, time_s))
+            for thing in (node, other)
+        )
 
     def _is_settled(self, exemplar: NamedNode, other: NamedNode) -> bool:
         return bool(
@@ -150,7 +181,9 @@ class WorldState:
         if placement.frame and not self.frames.is_of_robot(placement.frame):
             # A table that was pushed may have shaken off what stood on it.
             events += len(self.index.begins(placement.frame, placement.confirmed, time_s))
-        spread = spread_of(placement, time_s, events)
+        # A pose is not measured anew while the thing is seen about there, but hands shift it.
+        shifts = self.index.events_near(placement, placement.begin, time_s, NEARBY_M)
+        spread = spread_of(placement, time_s, events, shifts)
         if placement.end is None or not placement.confirmed < time_s < placement.end:
             return spread
         return self._in_hindsight(placement, time_s, spread)

@@ -94,13 +94,16 @@ def new_exemplar(exemplar: str, product: str) -> Iterator[Statement]:
     yield node, RT.exemplarOf, NamedNode(product)
 
 
-def doubted(base: str, exemplar: str, other: str, chance: float) -> Iterator[Statement]:
-    """Yield the statements that a thing may be an earlier one, with the chance."""
+def doubted(
+    base: str, exemplar: str, other: str, chance: float, time_s: float
+) -> Iterator[Statement]:
+    """Yield the statements that a thing may be another one, with the chance and since when."""
     statement = Triple(NamedNode(exemplar), RT.possiblyIdenticalTo, NamedNode(other))
     reifier = NamedNode(mint(base, "statement"))
     yield NamedNode(exemplar), RT.possiblyIdenticalTo, NamedNode(other)
     yield reifier, RDF.reifies, statement
     yield reifier, RT.confidence, _number(chance, 6)
+    yield reifier, PROV.generatedAtTime, dt.datetime.fromtimestamp(time_s, dt.UTC)
 
 
 def _number(value: float, digits: int) -> float:

@@ -38,17 +38,20 @@ class Growth:
         Standard deviation per axis of where a thing then is, m.
     touched
         Chance that an event nearby moved the thing.
+    shifted_m
+        Standard deviation per axis by which an event nearby shifts a thing that stays, m.
     """
 
     drift_m: float
     carried_off_a_day: float
     spread_m: float
     touched: float
+    shifted_m: float = 0.0
 
 
 GROWTH: dict[Relation, Growth] = {
-    "at": Growth(0.01, 0.5, 0.35, 0.08),
-    "on": Growth(0.01, 0.5, 0.35, 0.08),
+    "at": Growth(0.01, 0.5, 0.35, 0.08, 0.002),
+    "on": Growth(0.01, 0.5, 0.35, 0.08, 0.002),
     "in": Growth(0.03, 0.25, 0.35, 0.02),
     "held_by": Growth(0.01, 24.0, 0.5, 0.0),
 }
@@ -97,16 +100,20 @@ class Spread:
         return high
 
 
-def spread_of(placement: Placement, time_s: float, events: int = 0) -> Spread:
+def spread_of(placement: Placement, time_s: float, events: int = 0, shifts: int = 0) -> Spread:
     """Return the spread of a placement at a time.
 
     Parameters
     ----------
     events
         Number of things that were taken or put nearby since it was last seen.
+    shifts
+        The same since its pose was measured.
     """
     growth = GROWTH[placement.relation]
     days = max(time_s - placement.confirmed, 0.0) / _DAY_S
-    sigma = math.sqrt(placement.sigma_m**2 + growth.drift_m**2 * days)
+    sigma = math.sqrt(
+        placement.sigma_m**2 + growth.drift_m**2 * days + growth.shifted_m**2 * shifts
+    )
     still = math.exp(-growth.carried_off_a_day * days) * (1.0 - growth.touched) ** events
     return Spread(sigma, still, growth.spread_m)

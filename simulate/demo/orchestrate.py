@@ -39,10 +39,11 @@ __all__ = ["Demo", "Settings", "objects_on_table", "robots_in_all"]
 _MARK = "demo.json"
 _SUITABLE = {
     "plain": ("nao",), "light": ("nao", "nao", "panda"), "fragile": ("nao", "nao", "panda"),
-    "hard": ("panda",),
+    "hard": ("panda",), "unforeseen": ("panda",),
 }  # fmt: skip
-"""Kinds of robots, in turn. The hard products are heavy, or break in a strong hand, which is a
-Panda's; at the light and the fragile ones, a Panda gets the lessons of two Naos last."""
+"""Kinds of robots, in turn. The hard and the unforeseen products are heavy, or break in a strong
+hand, which is a Panda's; at the light and the fragile ones, a Panda gets the lessons of two Naos
+last."""
 _STORE, _REPORT, _LOGS, _OUTBOX = "store", "report", "logs", "outbox"
 
 

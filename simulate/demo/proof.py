@@ -1,7 +1,7 @@
 """``rtask demo --proof``: one carton of which the audience picks the weak end, and three robots.
 
 A teacher finds out by trial where the carton holds, in the shared graph; another does the same with
-another carton, in a second graph. Then the same robot meets the carton at the same table three
+another product, in a second graph. Then the same robot meets the carton at the same table three
 times: with a graph of its own, with the shared one, and with the second, whose lessons are of
 another product. Where the one alone holds at once, because it happens to reach for the firm end,
 nothing can be shown: the carton is turned round, or put elsewhere, before any other has met it.
@@ -97,10 +97,13 @@ class ProofSettings:
         check_robot(self.robot)
 
     @property
-    def cartons(self) -> tuple[str, str]:
-        """Names of the carton, and of the one of which the shuffled graph knows."""
+    def products(self) -> tuple[str, str]:
+        """Names of the carton, and of the product of which the shuffled graph knows.
+
+        It is a rod: what one carton teaches is in part true of the next.
+        """
         first, second = stream(self.seed, _DRAWN).choice(_CARTONS, 2, replace=False)
-        return f"carton-{first}", f"carton-{second}"
+        return f"carton-{first}", f"rod-{second}"
 
 
 def jobs_at_tables(settings: ProofSettings) -> list[RobotJob]:
@@ -118,7 +121,7 @@ def jobs_at_tables(settings: ProofSettings) -> list[RobotJob]:
     for index in range(1, _DRAWS):
         job = RobotJob(
             f"{settings.robot}-2", index, "", settings.seed, 1, settings.max_attempts, "", "",
-            robot=settings.robot, products="fragile", only=settings.cartons[0],
+            robot=settings.robot, products="fragile", only=settings.products[0],
             small_pictures=True,
         )  # fmt: skip
         (placed,) = lay_table(job)
@@ -132,7 +135,7 @@ def jobs_at_tables(settings: ProofSettings) -> list[RobotJob]:
         jobs += [replace(job, mirrored=mirrored, turned=turned) for turned in (False, True)]
         if len(jobs) >= _TABLES:
             return jobs
-    raise RtaskError(f"{settings.cartons[0]} lies across the view too rarely; try another seed")
+    raise RtaskError(f"{settings.products[0]} lies across the view too rarely; try another seed")
 
 
 class Proof:
@@ -165,8 +168,8 @@ class Proof:
         settings, console = self.settings, self.console
         self._prepare()
         console.step(
-            f"{settings.cartons[0]} looks like a plain box; its {settings.weak} end breaks when it "
-            "is pressed. No robot is told."
+            f"{settings.products[0]} looks like a plain box; its {settings.weak} end breaks when "
+            "it is pressed. No robot is told."
         )
         with self._stack, ThreadPoolExecutor(3) as beside:
             starting = [beside.submit(self._endpoint, part) for part in ("shared", "shuffled")]
@@ -227,15 +230,15 @@ class Proof:
                 )
 
     def _teach(self, beside: ThreadPoolExecutor, shared: Endpoint, shuffled: Endpoint) -> None:
-        """Let a teacher try the carton, and another one another carton for the second graph."""
+        """Let a teacher try the carton, and another one another product for the second graph."""
         teacher = f"{self.settings.robot}-1"
         self.console.step(
             f"{teacher} finds out by trial, at a table of its own, and writes what happens into "
-            f"the graph; another does so with {self.settings.cartons[1]} in a second graph; "
+            f"the graph; another does so with {self.settings.products[1]} in a second graph; "
             f"{self._job.name} tries alone, with a graph of its own"
         )
         own = {**asdict(self._job), "index": 0, "name": teacher, "max_attempts": _TEACHING}
-        other = {**own, "only": self.settings.cartons[1], "mirrored": False}
+        other = {**own, "only": self.settings.products[1], "mirrored": False}
         _all(
             beside.submit(self._work, "the teacher", RobotJob(**own), "shared", shared),
             beside.submit(self._work, "the other teacher", RobotJob(**other), "shuffled", shuffled),
@@ -330,7 +333,7 @@ class Proof:
     ) -> dict[str, Any]:
         order = (*_THREE, _WITHDRAWN, _UNDONE)
         points = proof_points(self._done, order, evidence)
-        carton, other = self.settings.cartons
+        carton, other = self.settings.products
         return {
             "carton": carton, "weak": self.settings.weak, "lessons_of_another": other,
             "robot": self._job.name, "teacher": f"{self.settings.robot}-1",

@@ -21,6 +21,9 @@ _SECRETS = {
     "hard": "These products look like plain boxes and hide what decides a grasp: of a carton one "
     "end breaks when it is pressed, a bar or a flask has its weight near one end. A robot that "
     "has only its eyes must fail first.",
+    "unforeseen": "These products look like plain boxes, and what decides a grasp is none of the "
+    "causes that the graph names: both ends break, or all but two ribs, or a lid in the middle; a "
+    "band is slippery; or a weight slides from end to end.",
 }
 _NUMBERS = (
     "No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten", "Eleven",

@@ -179,7 +179,7 @@ class Player:
 
     def play(
         self, product: Mapping[str, Any], luck: Luck, reports: Sequence[ReportedGrasp] = (),
-        source: Mapping[str, Any] | None = None,
+        source: Mapping[str, Any] | None = None, prior: NDArray[np.float64] | None = None,
     ) -> list[ReportedGrasp]:  # fmt: skip
         """Return the attempts of a robot at a product.
 
@@ -189,6 +189,9 @@ class Player:
             Attempts that the graph remembers.
         source
             Product on which they were made; None = this one.
+        prior : (h,)
+            Of what hides in it, from attempts at other products
+            (:class:`simulate.fleet.lessons.Lessons`); None = there are none.
         """
         source = source or product
         arms = self._arms(product, reports, source, luck.turned)
@@ -205,7 +208,8 @@ class Player:
                 for attempt in done
             ]
             seen = [*reported, *((trial.position[0], trial.success, 1.0) for trial in tries)]
-            order = learner.rank(self._with_causes(arms, seen, product["size"][0]), tries, seed)
+            known = self._with_causes(arms, seen, product["size"][0], prior)
+            order = learner.rank(known, tries, seed)
             if not order:
                 break
             chosen = order[0].index
@@ -216,15 +220,16 @@ class Player:
         return done
 
     def _with_causes(
-        self, arms: Sequence[Arm], seen: Sequence[tuple[float, bool, float]], length: float
-    ) -> list[Arm]:
+        self, arms: Sequence[Arm], seen: Sequence[tuple[float, bool, float]], length: float,
+        prior: NDArray[np.float64] | None,
+    ) -> list[Arm]:  # fmt: skip
         """Return arms with what attempts (place along them in m, held, weight) say of causes."""
         if not self.policy.causes:
             return list(arms)
         x, held, weight = np.array(seen, dtype=np.float64).reshape(-1, 3).T
         places = np.array([arm.position[0] for arm in arms]) / length
         half_finger = self.hand.finger_width / 2 / length
-        hidden = hidden_share(places, half_finger, x / length, held, weight)
+        hidden = hidden_share(places, half_finger, x / length, held, weight, prior)
         return [replace(arm, hidden=float(h)) for arm, h in zip(arms, hidden, strict=True)]
 
     def _arms(

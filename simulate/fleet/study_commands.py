@@ -17,7 +17,7 @@ from simulate.study.command import print_table, study_command
 if TYPE_CHECKING:
     from simulate.study.declaration import Study
 
-__all__ = ["attempts", "demo", "sharing", "trust"]
+__all__ = ["attempts", "demo", "sharing", "trust", "unforeseen"]
 
 
 @study_command("rtask-attempts", what="counts", with_preset=False)
@@ -128,6 +128,21 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
             f"{effect['change']:+.2f} [{low:+.2f}, {high:+.2f}]"
         )
     click.echo(f"report  {out / 'replay.json'}")
+
+
+@study_command("rtask-unforeseen", with_preset=False)
+@click.option("-n", "--count", default=10, show_default=True, help="Products of each family.")
+@click.option("--fleets", default=20, show_default=True, help="Fleets, each with its own luck.")
+@click.option("--gripper", default="panda", show_default=True, help="nao, panda, or jaw:STROKE.")
+@options.seed("products and choices")
+def unforeseen(count: int, fleets: int, gripper: str, seed: int) -> Study:
+    """Measure memory and causes on products whose secret no cause explains.
+
+    Families whose secret is a cause that the graph infers stand beside ones of which it is none.
+    """
+    from simulate.fleet.unforeseen import unforeseen_study
+
+    return unforeseen_study(count, fleets, gripper, seed)
 
 
 @study_command("rtask-demos")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +25,29 @@ from simulate.world.objects import PRODUCTS, ObjectSpec, sample_products
 from simulate.world.seeds import stream
 from simulate.world.world import World
 
-__all__ = ["attempt_study", "attempt_trial", "read_attempts"]
+__all__ = ["Defect", "attempt_study", "attempt_trial", "read_attempts", "try_product"]
 
 _DRAW, _NOISE = 60, 61
 _NOISE_M, _NOISE_Z_M, _NOISE_RAD = 0.002, 0.001, float(np.deg2rad(3.0))
 _MAX_TURN_RAD = float(np.deg2rad(40.0))
 _SETTLE_S = 0.2
 _FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Defect:
+    """What is wrong with a hand, of which it knows nothing.
+
+    Parameters
+    ----------
+    lets_go
+        Share of its lifts in which it drops what it holds.
+    beside_m
+        How far beside the place that it aims at it closes, across its closing direction.
+    """
+
+    lets_go: float = 0.0
+    beside_m: float = 0.0
 
 
 def attempt_study(
@@ -66,14 +83,35 @@ def attempt_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """Try the grasps of one product; return each with its outcomes, as JSON data."""
     seed = int(settings["seed"])
     specs = sample_products(str(settings["products"]), stream(seed, _DRAW), int(settings["count"]))
-    spec, hand = specs[number], gripper_named(str(settings["hand"]))
-    shape = _footprint(spec)
-    rng = stream(seed, _NOISE, number)
+    return try_product(specs[number], settings, number)
+
+
+def try_product(
+    spec: ObjectSpec, settings: Mapping[str, Any], number: int, defect: Defect | None = None
+) -> dict[str, Any]:
+    """Try the grasps of a product; return each with its outcomes, as JSON data.
+
+    Parameters
+    ----------
+    settings
+        ``seed``, ``hand``, ``grasps`` and ``tries``.
+    number
+        Of the trial, from which its noise is drawn.
+    defect
+        Of the hand; None for a hand that works.
+    """
+    defect = defect or Defect()
+    hand, shape = gripper_named(str(settings["hand"])), _footprint(spec)
+    rng = stream(int(settings["seed"]), _NOISE, number)
     arms: list[dict[str, Any]] = []
     with World("fast") as world:
         world.add_table()
         for grasp in _distinct(propose_planar(shape, hand, seed=number), int(settings["grasps"])):
-            held = [_try(world, spec, hand, grasp, rng) for _ in range(int(settings["tries"]))]
+            held = [
+                _try(world, spec, hand, grasp, rng, defect.beside_m)
+                and bool(rng.random() >= defect.lets_go)
+                for _ in range(int(settings["tries"]))
+            ]
             arms.append(
                 {
                     "x": round(grasp.x, 6), "y": round(grasp.y, 6), "z": round(grasp.z, 6),
@@ -110,16 +148,19 @@ def _distinct(grasps: Sequence[PlanarGrasp], most: int) -> list[PlanarGrasp]:
 
 def _try(
     world: World, spec: ObjectSpec, hand: ParallelGripper, grasp: PlanarGrasp,
-    rng: np.random.Generator,
+    rng: np.random.Generator, beside_m: float = 0.0,
 ) -> bool:  # fmt: skip
     """Tell whether a grasp holds a new copy of a product, with the noise of perception."""
     x0 = world.workplace.table_near + world.workplace.table_size[0] / 2
+    if spec.secret.travel_m and rng.random() < 0.5:  # a loose weight may lie at either end
+        spec = replace(spec, secret=spec.secret.mirrored())
     body = world.spawn(spec, (x0, 0.0))
     world.step(_SETTLE_S)
     try:
         x, y = np.array([grasp.x, grasp.y]) + rng.normal(0, _NOISE_M, 2) + [x0, 0.0]
         z = world.table_height + grasp.z + rng.normal(0, _NOISE_Z_M)
         theta = grasp.theta + rng.normal(0, _NOISE_RAD)
+        x, y = x - beside_m * np.sin(theta), y + beside_m * np.cos(theta)
         pose = np.asarray(pose_from_planar(float(x), float(y), float(z), float(theta)))
         rest = world.object_pose(body)
         done = execute(world, body, hand, pose, grasp.opening, rest)

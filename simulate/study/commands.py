@@ -47,8 +47,8 @@ def judging(
     """Measure how often a robot's own judgement of its grasps agrees with ground truth.
 
     In difficult attempts, friction, mass and grasp errors vary widely, so that many of them fail.
-    With --products hard, each trial fills a box with four products whose best grasp cannot be seen,
-    each held anywhere along its length.
+    With any --products but plain ones, each trial fills a box with four products whose best grasp
+    cannot be seen, each held anywhere along its length.
     """
     from simulate.study.judging import judging_study
 

@@ -10,6 +10,8 @@ from simulate.world.objects import Assets, ObjectSpec, collision_of, inertia_of
 
 __all__ = ["break_part", "breakable_parts", "create_object", "mass_offset"]
 
+_LOOSE_SHARE = 0.9
+"""Of the mass of a product with a loose weight, how much is loose."""
 _PART_KG = 1e-4
 """Of a part beside the first, which carries the mass: Bullet takes links without mass as fixed."""
 
@@ -18,7 +20,9 @@ def create_object(client: Any, spec: ObjectSpec, assets: Assets | None) -> int:
     """Create a dynamic body of a product; return it."""
     parts = spec.secret.parts
     visual = _visual(client, spec, assets)
-    if parts:
+    if spec.secret.travel_m:
+        body = _body_with_weight(client, spec, visual)
+    elif parts:
         body = _body_of_parts(client, spec, parts, visual)
     else:
         shapes = assets.collision if assets is not None else collision_of(spec)
@@ -29,17 +33,23 @@ def create_object(client: Any, spec: ObjectSpec, assets: Assets | None) -> int:
             )
         )
     inertia = inertia_of(collision_of(spec), spec.mass) if assets is None else assets.inertia
-    for link in range(-1, max(len(parts), 1) - 1):
+    # Bullet takes a link's friction for that of the base where it comes with damping or activation.
+    client.changeDynamics(
+        body,
+        -1,
+        linearDamping=spec.friction.linear_damping,
+        angularDamping=spec.friction.angular_damping,
+        activationState=client.ACTIVATION_STATE_DISABLE_SLEEPING,
+        localInertiaDiagonal=inertia,
+    )
+    surfaces = [part.lateral for part in parts] or [None]
+    for link, lateral in enumerate(surfaces, start=-1):
         client.changeDynamics(
             body,
             link,
-            lateralFriction=spec.friction.lateral,
+            lateralFriction=spec.friction.lateral if lateral is None else lateral,
             spinningFriction=spec.friction.spinning,
             rollingFriction=spec.friction.rolling,
-            linearDamping=spec.friction.linear_damping,
-            angularDamping=spec.friction.angular_damping,
-            activationState=client.ACTIVATION_STATE_DISABLE_SLEEPING,
-            **({"localInertiaDiagonal": inertia} if link == -1 else {}),
         )
     return body
 
@@ -113,3 +123,24 @@ def _body_of_parts(client: Any, spec: ObjectSpec, parts: Sequence[Part], visual:
             linkJointAxis=[[0.0, 0.0, 1.0]] * more,
         )
     )  # fmt: skip
+
+
+def _body_with_weight(client: Any, spec: ObjectSpec, visual: int) -> int:
+    """Create a body in which a weight slides along x without friction."""
+    travel, loose = abs(spec.secret.travel_m), _LOOSE_SHARE * spec.mass
+    collision = client.createCollisionShapeArray(**_columns(client, collision_of(spec)))
+    still = [0.0, 0.0, 0.0, 1.0]
+    body = int(
+        client.createMultiBody(
+            spec.mass - loose, collision, visual,
+            linkMasses=[loose], linkCollisionShapeIndices=[-1], linkVisualShapeIndices=[-1],
+            linkPositions=[[0.0, 0.0, 0.0]], linkOrientations=[still],
+            linkInertialFramePositions=[[0.0, 0.0, 0.0]], linkInertialFrameOrientations=[still],
+            linkParentIndices=[0], linkJointTypes=[client.JOINT_PRISMATIC],
+            linkJointAxis=[[1.0, 0.0, 0.0]],
+        )
+    )  # fmt: skip
+    client.changeDynamics(body, 0, jointLowerLimit=-travel, jointUpperLimit=travel)
+    client.setJointMotorControl2(body, 0, client.VELOCITY_CONTROL, force=0.0)
+    client.resetJointState(body, 0, spec.secret.travel_m)
+    return body

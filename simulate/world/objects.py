@@ -15,7 +15,14 @@ from typing import Literal, cast
 import numpy as np
 
 from rtask.errors import UsageError
-from simulate.world.hidden import HIDDEN_KINDS, NO_SECRET, HiddenKind, Secret, draw_hidden
+from simulate.world.hidden import (
+    HIDDEN_KINDS,
+    NO_SECRET,
+    UNFORESEEN_KINDS,
+    HiddenKind,
+    Secret,
+    draw_hidden,
+)
 from simulate.world.meshes import TexturedMesh, build_mesh, write_mesh
 from simulate.world.textures import make_look
 
@@ -69,6 +76,7 @@ PRODUCTS: dict[str, tuple[Kind, ...]] = {
     "hard": ("carton", "bar", "carton", "flask", "carton", "box", "carton", "carton"),
     "light": ("carton", "rod"),
     "fragile": ("carton", "carton", "rod", "carton"),
+    "unforeseen": UNFORESEEN_KINDS,
 }
 """Sets of products: each a sequence of kinds that repeats. Of the hard ones, all but the box hide
 what decides a grasp; so do all the light and the fragile ones, which a hand of 2 to 3 N can lift.

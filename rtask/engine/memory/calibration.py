@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 from grasp.learning.calibration import ScoreMap, fit_map
 from rtask.engine.grippers import StoredGripper
-from rtask.engine.memory.question import JUDGED
 from rtask.engine.names import slug, tail
+from rtask.engine.policy import JUDGED
 from rtask.engine.triples import Triples
 from rtask.rdf.namespaces import PREFIXES, PROV, RT
 from rtask.rdf.terms import NamedNode, Value, literal, object_term, python_value

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from grasp.learning.bandit import Arm, Axes, BetaThompson, Choice
 from grasp.learning.bandit import Trial as Tried
 from grasp.learning.calibration import ScoreMap
+from grasp.learning.population import Population
 from grasp.spatial.candidate import GraspCandidate, contacts_of
 from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.footprint import Footprint
@@ -136,6 +137,7 @@ def choose(
     policy: Policy,
     now: dt.datetime | None = None,
     maps: Mapping[str, ScoreMap] | None = None,
+    population: Population | None = None,
 ) -> list[Option]:
     """Return the options in the order in which to try them; empty if none is worthwhile.
 
@@ -145,6 +147,8 @@ def choose(
         Confidence that each remembered object is the present one, by IRI.
     maps
         The hand's own, from scores to chances, by kind of score.
+    population
+        All objects that were tried, from which the prior of hidden causes is learned.
     """
     if not candidates:
         return []
@@ -168,7 +172,7 @@ def choose(
         policy.bandit.bandwidth,
         _all_axes(candidates, with_evidence),
     )
-    tried = tries_from_above(memory, with_evidence, weights)
+    tried = tries_from_above(memory, with_evidence, weights, population)
     hidden = hidden_shares(candidates, scene.gripper, tried)
     causes = hidden_causes_of(candidates, scene.gripper, tried, hidden < LOWERED)
     return [

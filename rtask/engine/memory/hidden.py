@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.learning.causes import Hidden, decisive_causes, hidden_share
+from grasp.learning.population import Population
 from grasp.spatial.gripper import EndEffector
 from grasp.spatial.planar import PlanarGrasp
 from rtask.engine.decisions import Option
@@ -32,18 +33,30 @@ class TriesFromAbove:
         1 for a success.
     weights : (n,) float64
         What each counts.
+    prior : (h,) float64 or None
+        Of the hypotheses about what hides in it, from attempts at other objects; None = without.
     """
 
     length: float
     places: NDArray[np.float64]
     held: NDArray[np.float64]
     weights: NDArray[np.float64]
+    prior: NDArray[np.float64] | None = None
 
 
 def tries_from_above(
-    memory: Memory, evidence: Sequence[Remembered], weights: Weights
+    memory: Memory,
+    evidence: Sequence[Remembered],
+    weights: Weights,
+    population: Population | None = None,
 ) -> TriesFromAbove | None:
-    """Return the attempts that say what hides in an object; None if the policy has causes off."""
+    """Return the attempts that say what hides in an object; None if the policy has causes off.
+
+    Parameters
+    ----------
+    population
+        All objects that were tried; those that may be the present one are left out of its prior.
+    """
     if not weights.policy.causes:
         return None
     seen = [
@@ -59,7 +72,10 @@ def tries_from_above(
     ]
     x, held, weight = np.array(sorted(seen)).reshape(-1, 3).T
     length = weights.size[0]
-    return TriesFromAbove(length, x / length, held, weight)
+    prior = None
+    if population is not None and len(population) > 0:
+        prior = population.prior_of(weights.size, lambda name: name in weights.confidence)
+    return TriesFromAbove(length, x / length, held, weight, prior)
 
 
 def hidden_shares(
@@ -69,7 +85,9 @@ def hidden_shares(
     hidden = np.ones(len(candidates))
     if tried is not None:
         above, places, half_finger = _from_above_among(candidates, hand, tried.length)
-        hidden[above] = hidden_share(places, half_finger, tried.places, tried.held, tried.weights)
+        hidden[above] = hidden_share(
+            places, half_finger, tried.places, tried.held, tried.weights, tried.prior
+        )
     return hidden
 
 
@@ -89,7 +107,9 @@ def hidden_causes_of(
     causes: list[Hidden | None] = [None] * len(candidates)
     if tried is not None:
         above, places, half_finger = _from_above_among(candidates, hand, tried.length)
-        decisive = decisive_causes(places, half_finger, tried.places, tried.held, tried.weights)
+        decisive = decisive_causes(
+            places, half_finger, tried.places, tried.held, tried.weights, tried.prior
+        )
         for k, cause in zip(above, decisive, strict=True):
             if cause is not None and lowered[k]:
                 start, end = cause.start * tried.length, cause.end * tried.length

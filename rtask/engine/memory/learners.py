@@ -23,8 +23,8 @@ from grasp.learning.env import quadrant
 from grasp.learning.state import GrowingComponents, pooled
 from grasp.learning.transition import Transition
 from grasp.spatial.frames import closing_yaw, matrix_from_pose
-from rtask.engine.memory.question import JUDGED
 from rtask.engine.names import slug
+from rtask.engine.policy import JUDGED
 from rtask.engine.stored import stored_views
 from rtask.engine.triples import Triples, stamp
 from rtask.errors import MissingBlobError

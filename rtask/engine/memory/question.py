@@ -8,24 +8,16 @@ from typing import TYPE_CHECKING
 
 from rtask.engine.grippers import StoredGripper
 from rtask.engine.observation import Observation
-from rtask.engine.policy import UNJUDGED, Policy
-from rtask.rdf.namespaces import PREFIXES, RT, reason, values
+from rtask.engine.policy import JUDGED, Policy
+from rtask.rdf.namespaces import PREFIXES, RT, values
 from rtask.rdf.terms import iri
 
 if TYPE_CHECKING:
     from features.recognition.recogniser import Recognition
 
-__all__ = ["JUDGED", "Question", "query_text", "question_for"]
+__all__ = ["Question", "query_text", "question_for"]
 
 _NOBODY = "urn:rtask:nobody"
-JUDGED = f"""?attempt rt:executesGrasp ?grasp ; prov:endedAtTime ?ended ; rt:hasOutcome ?outcome .
-    ?outcome rt:hasReason ?reason ; rt:success ?decided
-    BIND(IF(?decided, !EXISTS {{ ?outcome rt:judgedSuccess false }},
-      EXISTS {{ ?outcome rt:judgedSuccess true }}) AS ?held)
-    FILTER(?held != ?decided || ?reason NOT IN ({", ".join(map(str, map(reason, UNJUDGED)))}))
-    FILTER NOT EXISTS {{ ?outcome rt:disputed true }}"""
-"""Pattern of a judged attempt of ``?grasp``: verdicts of people override the report, and disputed
-attempts are left out."""
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from rtask.engine.memory.calibration import Scored, calibrate, own_outcomes
 from rtask.engine.memory.causes import Causes, restate
-from rtask.engine.memory.question import JUDGED
 from rtask.engine.names import tail
-from rtask.engine.policy import UNJUDGED
+from rtask.engine.policy import JUDGED, UNJUDGED
 from rtask.engine.triples import Triples
 from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT, reason
 from rtask.rdf.terms import NamedNode, object_term, python_value

@@ -243,7 +243,11 @@ def _choose(
     if request.object:
         confidence[request.object] = 1.0
     maps = score_maps(context, situation.gripper)
-    chosen = choose(candidates, scene, situation.memory, confidence, context.policy, maps=maps)
+    population = context.population.now() if context.policy.causes else None
+    chosen = choose(
+        candidates, scene, situation.memory, confidence, context.policy, maps=maps,
+        population=population,
+    )  # fmt: skip
     alone = None
     if any(max(choice.explanation["graph"]) >= MIN_EVIDENCE for choice in chosen):
         alone = unaided(candidates, scene, situation.memory, context.policy, maps)

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from rtask.rdf.namespaces import PREFIXES, RT
 from rtask.rdf.terms import NamedNode
+from rtask.world.index.cache import PlacementCache
 from rtask.world.index.tail import Entry, Tail
-from rtask.world.placement import TIME, Placement, read_placement, seconds
+from rtask.world.placement import TIME, Placement, seconds
 
 if TYPE_CHECKING:
     from rtask.kb.commit.commit import Change
@@ -60,6 +61,7 @@ class PlacementIndex:
         self._is_filled = False
         self._bulk_loads = 0
         self._touched: set[str] = set()
+        self._cache = PlacementCache(kb)
         self._clear()
         self._stop = kb.on_commit(self._on_commit)
 
@@ -236,7 +238,12 @@ class PlacementIndex:
             int(self._frames[k]), *(float(number) for number in self._positions[k]),
         )  # fmt: skip
 
+    def read(self, node: str) -> Placement | None:
+        """Return a stored placement, or None if its subject or its begin is missing."""
+        return self._cache.read(node)
+
     def _on_commit(self, change: Change) -> None:
+        self._cache.forget(change)
         with self._lock:
             if not self._is_filled:
                 return
@@ -264,7 +271,7 @@ class PlacementIndex:
         if k is not None:
             self._gone.add(k)
         self._tail.remove(node)
-        placement = read_placement(self._kb, node)
+        placement = self._cache.read(node)
         if placement is None:
             return
         end = _NEVER if placement.end is None else placement.end

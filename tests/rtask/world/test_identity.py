@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import iri
 from rtask.world.identity import Candidate, identify
 from rtask.world.uncertainty import Spread
 
@@ -101,6 +103,14 @@ def test_between_two_lost_things_the_nearer_one_is_taken_and_the_doubt_is_kept()
     assert identity.doubts == (("urn:0", 0.5),)
 
 
+def test_what_slipped_from_a_hand_is_likelier_than_what_an_unseen_hand_took():
+    gone = Candidate("urn:0", 0.2, HERE, is_current=False)
+    slipped = Candidate("urn:1", None, HERE, is_current=False, has_slipped=True)
+    identity = identify([gone, slipped], 0.003)
+    assert identity.exemplar == "urn:1"
+    assert identity.doubts == (("urn:0", pytest.approx(0.2)),)
+
+
 def test_a_thing_is_the_same_if_nothing_else_is_likely():
     gone = Candidate("urn:a", 1.0, Spread(0.01, 0.0, 0.1), is_current=True, age_s=1e6)
     assert identify([gone], 0.003).doubts == (("urn:a", pytest.approx(1 / 1.1)),)
@@ -142,6 +152,29 @@ def test_a_doubt_between_two_lost_things_is_mutual_when_the_other_comes_back(lab
     assert {back, other} == {first, second}
     doubts = {name: dict(lab.kb.world.doubts(name)) for name in (back, other)}
     assert doubts == {back: {other: 0.5}, other: {back: 0.5}}, "nobody can tell which is which"
+
+
+def test_which_of_two_came_back_stays_open_from_then_on_though_they_are_two(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    second = lab.see(lab.cup, -0.6, 0.1, 0)
+    edit = lab.edit()
+    edit.lose_all([first, second], lab.noon + 900)
+    lab.commit(edit, "nao-1")
+    back = lab.see(lab.cup, 0.0, 0.4, 1000)
+    other = lab.see(lab.cup, 0.9, 0.4, 1100)
+    assert lab.see(lab.cup, 0.0, 0.4, 1500) == back
+    assert lab.kb.match(iri(other), RT.distinctFrom, iri(back)), "both were seen at once"
+    for time_s, doubts in ((500, ()), (1600, ((other, 0.5),))):
+        (place,) = lab.ask(back, time_s).exemplars
+        assert place.doubts == doubts
+
+
+def test_a_new_thing_is_no_other_once_that_is_seen_where_it_always_was(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    new = lab.see(lab.cup, 0.9, -0.4, 3600)
+    assert [name for name, _ in lab.kb.world.doubts(new)] == [first]
+    lab.see(lab.cup, 0.3, 0.1, 3700)
+    assert lab.kb.world.doubts(new) == []
 
 
 def test_what_slipped_from_the_hand_of_one_robot_is_the_same_to_another_at_its_table(lab):

@@ -107,7 +107,9 @@ def test_uncertainty_grows_with_time_and_with_what_happens_nearby(lab):
     disturbed = lab.ask(cup, 60).exemplars[0]
     assert disturbed.still_there < 0.95 < fresh.still_there
     lab.see(lab.cup, 0.3, 0.1, 100)
-    assert lab.ask(cup, 101).exemplars[0].still_there > 0.99, "it was seen there since"
+    seen = lab.ask(cup, 101).exemplars[0]
+    assert seen.still_there > 0.99, "it was seen there since"
+    assert seen.radius90_m > fresh.radius90_m, "but it may have been shifted, and its pose is older"
 
 
 def test_near_a_place_a_robot_or_a_thing(lab):
@@ -198,7 +200,7 @@ def test_frames_deeper_than_what_is_followed_leave_nearness_undecided(lab, monke
     (near,) = lab.ask("blue cup", 5, near="map", radius_m=3.0).exemplars
     assert near.exemplar == cup
     monkeypatch.setattr(frames, "MAX_DEPTH", 1)
-    answer = lab.ask("blue cup", 5, near="map", radius_m=3.0)
+    answer = lab.ask("blue cup", 6, near="map", radius_m=3.0)
     assert (answer.exemplars, answer.things_untried) == ((), 1)
     assert answer.text.endswith("too many frames are between it and 1 of them to tell")
 
@@ -212,3 +214,25 @@ def test_the_index_sees_what_was_loaded_in_bulk(lab):
     quads = [Quad(s, p, object_term(value), graph) for s, p, value in edit.statements]
     lab.kb.bulk_add(quads, graph, Request(lab.kb.access()))
     assert len(lab.kb.world.history(cup)) == 2
+
+
+def test_a_place_that_was_read_is_read_again_once_anything_of_it_changed(lab):
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    (placement,) = lab.kb.world.history(cup)
+    assert lab.kb.world.index.read(placement.iri) is lab.kb.world.history(cup)[0]
+    lab.kb.update(f"""{PREFIXES} DELETE {{ GRAPH ?g {{ ?pose rt:x ?x }} }}
+      INSERT {{ GRAPH ?g {{ ?pose rt:x 0.5e0 }} }}
+      WHERE {{ GRAPH ?g {{ <{placement.iri}> rt:placementPose ?pose . ?pose rt:x ?x }} }}""")
+    (changed,) = lab.kb.world.history(cup)
+    assert changed.frame_from_subject[0, 3] == 0.5
+    lab.lose(cup, 50)
+    assert lab.kb.world.history(cup)[0].end == lab.noon + 50
+    lab.stand(lab.frame(), lab.map, 1.0, 0.0, 0)
+    (place,) = lab.ask(cup, 20, frame="map").exemplars
+    lab.kb.update(f"""{PREFIXES} DELETE {{ GRAPH ?g {{ ?pose rt:x ?x }} }}
+      INSERT {{ GRAPH ?g {{ ?pose rt:x 2.0e0 }} }}
+      WHERE {{ GRAPH ?g {{ ?p rt:placementOf <{lab.frame()}> ; rt:placementPose ?pose .
+        ?pose rt:x ?x }} }}""")
+    (moved,) = lab.ask(cup, 20, frame="map").exemplars
+    shift = moved.frame_from_exemplar[0, 3] - place.frame_from_exemplar[0, 3]
+    assert shift == pytest.approx(1.0), "the robot stood elsewhere than was stated at first"

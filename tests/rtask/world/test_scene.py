@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import io
 from typing import Any
 
@@ -117,6 +118,36 @@ def test_usd_text_has_each_node_with_its_iri(scene: Scene) -> None:
     for node in scene.nodes:
         assert f'rtask:iri = "{node.iri}"' in text
     assert text.count("def Mesh") == 2
+
+
+def _placed_in_text(text: str) -> list[tuple[str, list[list[float]]]]:
+    """Return IRI and pose in the root of each prim of USD text that has both.
+
+    Reads what `usda` may write and no more: prims in braces, each a line of its own, with one
+    matrix that USD multiplies row vectors by.
+    """
+    found, stack, opened = [], [np.eye(4)], 0
+    for line in map(str.strip, text.splitlines()):
+        if line == "{":
+            stack.append(stack[-1])
+            opened += 1
+        elif line == "}":
+            stack.pop()
+        elif line.startswith("matrix4d xformOp:transform = "):
+            rows = np.array(ast.literal_eval(line.partition(" = ")[2]), np.float64)
+            stack[-1] = stack[-2] @ rows.T
+        elif line.startswith("custom string rtask:iri = "):
+            found.append((ast.literal_eval(line.partition(" = ")[2]), stack[-1].round(9).tolist()))
+    assert (len(stack), opened) == (1, text.count("def "))
+    return found
+
+
+def test_usd_text_has_each_node_at_its_place_below_its_parent(scene: Scene) -> None:
+    meant = [
+        (node.iri, p.round(9).tolist())
+        for node, p in zip(scene.nodes, scene.root_from_nodes(), strict=True)
+    ]
+    assert sorted(_placed_in_text(usda(scene))) == sorted(meant)
 
 
 def test_usd_text_is_read_by_the_library_of_pixar(lab: Lab, scene: Scene, tmp_path: Any) -> None:

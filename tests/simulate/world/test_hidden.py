@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import click
@@ -11,20 +12,24 @@ import pytest
 from rtask.errors import UsageError
 from simulate.fleet.study_commands import attempts
 from simulate.study.attempt_table import attempt_study, attempt_trial, read_attempts
-from simulate.world.hidden import HIDDEN_KINDS
+from simulate.world.hidden import HIDDEN_KINDS, UNFORESEEN_KINDS, Part
 from simulate.world.objects import PRODUCTS, product, sample_products, spec_of
 from simulate.world.world import World
+
+
+def _is_odd(part: Part) -> bool:
+    return part.breaks_at_n < 10 or part.lateral is not None
 
 
 @pytest.mark.parametrize("kind", HIDDEN_KINDS)
 def test_the_name_fixes_the_secret_and_either_end_may_have_it(kind: str) -> None:
     specs = [product(kind, number) for number in range(20)]  # type: ignore[arg-type]
     assert specs == [product(kind, number) for number in range(20)]  # type: ignore[arg-type]
-    if kind == "carton":
-        ends = [next(p for p in s.secret.parts if p.breaks_at_n < 10).position[0] for s in specs]
+    if specs[0].secret.parts:
+        ends = [next(p for p in s.secret.parts if _is_odd(p)).position[0] for s in specs]
     else:
-        ends = [s.secret.mass_offset_m for s in specs]
-    assert min(ends) < 0 < max(ends)
+        ends = [s.secret.mass_offset_m + s.secret.travel_m for s in specs]
+    assert min(ends) < 0 < max(ends) or kind in ("brittle", "ribbed")  # whose ends both break
     for spec, end in zip(specs, ends, strict=True):
         assert abs(end) < spec.dims[0] / 2
         assert spec.shape == "box"
@@ -90,6 +95,41 @@ def test_a_pressed_weak_end_breaks_and_the_product_stays_on_the_table() -> None:
         assert world.object_pose(body).z == pytest.approx(
             world.table_height + spec.rest_height, abs=0.003
         )
+
+
+@pytest.mark.parametrize("kind", [k for k in UNFORESEEN_KINDS if k != "shifting"])
+def test_the_parts_of_a_product_fill_it_from_end_to_end(kind: str) -> None:
+    spec = product(kind, 5)  # type: ignore[arg-type]
+    parts = sorted(spec.secret.parts, key=lambda part: part.position[0])
+    ends = [(p.position[0] - p.size[0] / 2, p.position[0] + p.size[0] / 2) for p in parts]
+    assert (ends[0][0], ends[-1][1]) == pytest.approx((-spec.dims[0] / 2, spec.dims[0] / 2))
+    for (_, end), (start, _) in itertools.pairwise(ends):
+        assert start == pytest.approx(end)
+
+
+def test_a_band_is_as_slippery_as_its_part_says_and_the_rest_is_not() -> None:
+    spec = product("banded", 3)
+    with World("fast") as world:
+        body = world.spawn(spec, (0.2, 0.0, 0.5))
+        rub = [world.client.getDynamicsInfo(body, link)[1] for link in (-1, 0, 1)]
+    assert rub == pytest.approx([spec.secret.parts[0].lateral, *[spec.friction.lateral] * 2])
+
+
+def test_a_loose_weight_slides_to_the_lower_end() -> None:
+    spec = product("shifting", 1)
+    with World("fast") as world:
+        body = world.spawn(spec, (0.2, 0.0, 0.5))
+        start = world.client.getJointState(body, 0)[0]
+        assert start == pytest.approx(spec.secret.travel_m)
+        # Held so that the other end is the lower one.
+        turned = world.client.getQuaternionFromEuler((0.0, -np.sign(start) * 0.9, 0.0))
+        world.put(body, (0.2, 0.0, 0.5), turned)
+        world.client.createConstraint(
+            body, -1, -1, -1, world.client.JOINT_FIXED, [0, 0, 0], [0, 0, 0], [0.2, 0.0, 0.5],
+            [0, 0, 0, 1], turned,
+        )  # fmt: skip
+        world.step(0.4)
+        assert world.client.getJointState(body, 0)[0] * start < 0
 
 
 @pytest.mark.slow

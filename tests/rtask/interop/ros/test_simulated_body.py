@@ -192,12 +192,12 @@ def goal_of(home, offset):
 
 
 def test_an_arm_follows_a_trajectory_in_any_order_of_its_joints(robot, body):
-    names, wanted = list(ARM.joints)[::-1], goal_of(ARM.home, -0.2)[::-1]
+    names, wanted = list(ARM.joints)[::-1], goal_of(ARM.home, 0.2)[::-1]
     done = robot("follow", action=ACTION, names=names, positions=wanted, seconds=1.0, cancel=False)
     assert (done["state"], done["code"]) == (SUCCEEDED, 0), done
     assert done["feedback"] >= 5
     joints = robot("camera", frame="camera_depth_optical_frame")["joints"]
-    assert abs(joints[ARM.joints[1]] - (ARM.home[1] - 0.2)) < 0.05
+    assert abs(joints[ARM.joints[1]] - (ARM.home[1] + 0.2)) < 0.05
 
 
 def test_goals_that_cannot_be_followed_are_aborted_with_their_code(robot, body):
@@ -248,7 +248,7 @@ def test_a_planned_motion_is_executed_by_a_driver_and_back(robot, body, roscore,
     told = json.loads(done.stdout)
     assert (told["arm"], told["is_home"]) == ("right_arm", True)
     assert told["seconds"] > 0
-    away = goal_of(ARM.home, -0.2)
+    away = goal_of(ARM.home, 0.2)
     robot(
         "follow", action=ACTION, names=list(ARM.joints), positions=away, seconds=1.0, cancel=False
     )

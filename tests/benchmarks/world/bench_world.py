@@ -1,6 +1,6 @@
 """Any thing at any instant, by growth: how long `where_is` takes over so many places in time.
 
-python tests/benchmarks/kb/bench_world.py --sightings 10000 100000
+python tests/benchmarks/world/bench_world.py --sightings 10000 100000
 
 Times are of the processor, of one thread, in memory. Placements are written in commits of a
 thousand, without the reasoner: what is measured is reading, and the index following commits.
