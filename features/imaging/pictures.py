@@ -61,7 +61,7 @@ def implausible_cloud(positions: NDArray[np.float32]) -> str:
     Examples
     --------
     >>> implausible_cloud(np.array([[0, 0, 700], [90, 0, 730], [-80, 10, 690]], np.float32))
-    'half of the points lie 80.6 m apart from their middle: are they in another unit?'
+    'half of the points lie 81.2 m apart from their middle: are they in another unit?'
     """
     if not len(positions):
         return ""

@@ -166,6 +166,8 @@ class Reader:
 
         A name may have quotes and backslashes in it, which are printed as they are.
         """
+        if not text.isprintable():
+            return ""  # an undecodable byte of a command line is in no name
         quoted = text[1:-1] if len(text) > 2 and text[0] == text[-1] == '"' else ""
         return next((name for name in (quoted, text) if name and self.named(name)), "")
 

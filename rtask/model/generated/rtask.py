@@ -445,7 +445,7 @@ class AnswerChoice(ProvEntity):
 
     answer_code: Many[str] = Many(_RT + "answerCode", _XSD + "string")
     answer_helps: Many[bool] = Many(_RT + "answerHelps", _XSD + "boolean")
-    answer_number: Many[int] = Many(_RT + "answerNumber", _XSD + "positiveInteger", unit="NUM")
+    answer_number: One[int] = One(_RT + "answerNumber", _XSD + "positiveInteger", unit="NUM")
     answer_place: Links[Object] = Links(_RT + "answerPlace", _SUMO + "Object")
 
 
@@ -557,7 +557,7 @@ class Question(ProvEntity):
     choice_otherwise: Link[AnswerChoice] = Link(_RT + "choiceOtherwise", _RT + "AnswerChoice")
     has_answer_choice: Links[AnswerChoice] = Links(_RT + "hasAnswerChoice", _RT + "AnswerChoice")
     question_kind: Many[str] = Many(_RT + "questionKind", _XSD + "string")
-    question_picture: Links[ColorImage] = Links(_RT + "questionPicture", _RT + "ColorImage")
+    question_picture: Links[InformationEntity] = Links(_RT + "questionPicture", _RT + "InformationEntity")
     question_reason: Many[str] = Many(_RT + "questionReason", _XSD + "string")
     question_text: One[str] = One(_RT + "questionText", _XSD + "string")
 
@@ -3303,9 +3303,9 @@ class TaskPlan(Task):
 
     __iri__: ClassVar[str] = _RT + "TaskPlan"
 
-    asking_price: Many[float] = Many(_RT + "askingPrice", _XSD + "double", unit="UNITLESS")
+    asking_price: One[float] = One(_RT + "askingPrice", _XSD + "double", unit="UNITLESS")
     cancel_reason: Many[str] = Many(_RT + "cancelReason", _XSD + "string")
-    failing_price: Many[float] = Many(_RT + "failingPrice", _XSD + "double", unit="UNITLESS")
+    failing_price: One[float] = One(_RT + "failingPrice", _XSD + "double", unit="UNITLESS")
     goal_text: Many[str] = Many(_RT + "goalText", _XSD + "string")
     plan_assumption: Many[str] = Many(_RT + "planAssumption", _XSD + "string")
     replaces_plan: Links[TaskPlan] = Links(_RT + "replacesPlan", _RT + "TaskPlan")

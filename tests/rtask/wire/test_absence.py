@@ -10,7 +10,7 @@ import base64
 import typing
 
 import pytest
-from annotated_types import Ge
+from annotated_types import Ge, MinLen
 
 from endpoint.rosbridge.typedefs import typedefs_of
 from rtask.engine.operations.table import OPERATIONS
@@ -59,7 +59,8 @@ def sample(field):
     else:
         least = max((one.ge for one in kind.metadata if isinstance(one, Ge)), default=0.0)
         value = {str: "a", float: max(least, 0.05), int: 1, bool: True}[kind.type]
-    return [value] if kind.is_list else value
+    fewest = max((one.min_length for one in kind.metadata if isinstance(one, MinLen)), default=1)
+    return [value] * max(fewest, 1) if kind.is_list else value
 
 
 def needed(model):

@@ -134,6 +134,12 @@ def test_every_operation_can_be_asked_for_by_its_form(name):
     model = OPERATIONS[name].request
     controls = leaves(controls_of(model))
     texts = {one.name: [filled(one)] for one in controls if one.sort != "file"}
+    # A question has two choices at least, and a form begins with one.
+    texts |= {
+        name.replace("choices.0.", "choices.1."): value
+        for name, value in texts.items()
+        if name.startswith("choices.0.")
+    }
     files = {one.name: b"abc" for one in controls if one.sort == "file"}
     request = read(model, read_form(model, texts, files))
     assert request.model_fields_set == set(model.model_fields)

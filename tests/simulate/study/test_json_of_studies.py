@@ -29,6 +29,11 @@ def _told(*words: str) -> Any:
     [
         (("attempts", "-n", "1", "--grasps", "2", "--tries", "3"), {"products": 1, "attempts": 6}),
         pytest.param(
+            ("asking-price", "-n", "1", "--things", "2", "--goals", "1"),
+            {"labs": 1},
+            marks=pytest.mark.deep,
+        ),
+        pytest.param(
             ("judging", "-n", "1", "--preset", "fast"), {"trials": 1}, marks=pytest.mark.deep
         ),
         pytest.param(
@@ -44,6 +49,16 @@ def test_a_study_prints_json_and_nothing_else(
 ) -> None:
     told = _told(*words, "--workers", "1", "--out", str(tmp_path / "out"))
     assert {name: told[name] for name in counted} == counted
+
+
+@pytest.mark.deep
+def test_families_that_no_cause_explains_are_printed_as_json(tmp_path: Path) -> None:
+    out = str(tmp_path / "out")
+    told = _told("unforeseen", "-n", "3", "--fleets", "1", "--workers", "2", "--out", out)
+    assert {name for name, family in told["families"].items() if family["known"]} == {
+        "one end breaks", "mass at one end",
+    }  # fmt: skip
+    assert all(family["products"] == 3 for family in told["families"].values())
 
 
 @pytest.mark.parametrize(
