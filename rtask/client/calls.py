@@ -1790,7 +1790,7 @@ class Calls(ABC):
         asking_price
             what a question to a person costs, in any unit; default: nobody is asked
         failing_price
-            what a step that fails costs, in the same unit; goes with asking_price
+            what a failed step costs, in the unit of asking_price; default: nobody is asked
         """
         answer: StoredPlan = self._operate("store_plan", locals())
         return answer

@@ -75,7 +75,7 @@ class StorePlan(Message):
     asking_price: Annotated[Number, Ge(0), Le(_MAX_PRICE)] | None = None
     """what a question to a person costs, in any unit; default: nobody is asked"""
     failing_price: Annotated[Number, Ge(0), Le(_MAX_PRICE)] | None = None
-    """what a step that fails costs, in the same unit; goes with asking_price; default: nobody is asked"""
+    """what a failed step costs, in the unit of asking_price; default: nobody is asked"""
 
 
 class PlanReason(Answer):
