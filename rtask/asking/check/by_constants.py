@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rtask.asking.check.findings import Finding
-from rtask.asking.check.fitting import Fitting, is_same_variable
-from rtask.asking.check.repairs import Repairs
+from rtask.asking.check.fitting import is_same_variable
+from rtask.asking.check.look import Look
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context, Demand
 from rtask.asking.check.vocabulary import local
@@ -15,21 +15,12 @@ from rtask.asking.check.wording import demanded, label_of
 __all__ = ["ByConstants"]
 
 
-class ByConstants:
+class ByConstants(Look):
     """Looks for things that are of another kind, and for things compared with literals."""
-
-    def __init__(self, fitting: Fitting, repairs: Repairs, blamed: set[int]) -> None:
-        self._fitting = fitting
-        self._vocabulary = fitting.vocabulary
-        self._evidence = fitting.evidence
-        self._repairs = repairs
-        self._blamed = blamed
 
     def findings(self, context: Context) -> Iterator[Finding]:
         """Yield the patterns of a context that its constants contradict."""
-        for edge in context.own:
-            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
-                continue
+        for edge in self._patterns(context):
             words = self._words(edge, context)
             if words:
                 self._blamed.add(id(edge))

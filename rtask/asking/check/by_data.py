@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rtask.asking.check.findings import Finding
-from rtask.asking.check.fitting import Fitting, is_same_variable, reversed_edge
+from rtask.asking.check.fitting import is_same_variable, reversed_edge
+from rtask.asking.check.look import Look
 from rtask.asking.check.naming.usual import kinds_by_name
-from rtask.asking.check.repairs import Repairs
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context
 from rtask.asking.check.vocabulary import local
@@ -15,21 +15,12 @@ from rtask.asking.check.vocabulary import local
 __all__ = ["ByData", "is_chained"]
 
 
-class ByData:
+class ByData(Look):
     """Looks for patterns that never match as they stand, though the classes allow it."""
-
-    def __init__(self, fitting: Fitting, repairs: Repairs, blamed: set[int]) -> None:
-        self._fitting = fitting
-        self._vocabulary = fitting.vocabulary
-        self._evidence = fitting.evidence
-        self._repairs = repairs
-        self._blamed = blamed
 
     def findings(self, context: Context) -> Iterator[Finding]:
         """Yield the patterns that match by themselves, and never with one beside them."""
-        for edge in context.own:
-            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
-                continue
+        for edge in self._patterns(context):
             step = edge.steps[0]
             if step.node.value == TYPE:
                 continue

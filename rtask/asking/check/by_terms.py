@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import ontology
 from rtask.asking.check.findings import Finding
-from rtask.asking.check.fitting import Fitting, is_same_variable
-from rtask.asking.check.repairs import Repairs
+from rtask.asking.check.fitting import is_same_variable
+from rtask.asking.check.look import Look
 from rtask.asking.check.syntax.outline import Edge
 from rtask.asking.check.types import TYPE, Context
 from rtask.asking.check.vocabulary import local
@@ -26,21 +26,12 @@ _OF_TERMS = {
 }  # fmt: skip
 
 
-class ByTerms:
+class ByTerms(Look):
     """Looks for what is both a term and a thing."""
-
-    def __init__(self, fitting: Fitting, repairs: Repairs, blamed: set[int]) -> None:
-        self._fitting = fitting
-        self._vocabulary = fitting.vocabulary
-        self._evidence = fitting.evidence
-        self._repairs = repairs
-        self._blamed = blamed
 
     def findings(self, context: Context) -> Iterator[Finding]:
         """Yield the patterns of a context that demand a term where others demand a thing."""
-        for edge in context.own:
-            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
-                continue
+        for edge in self._patterns(context):
             for at, node in enumerate(edge.ends):
                 if not self._is_of_terms(edge, at) or edge.steps[0].node.value == TYPE:
                     continue

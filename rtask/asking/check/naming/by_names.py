@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from rtask.asking.check.findings import Finding
-from rtask.asking.check.fitting import Fitting, reversed_edge
+from rtask.asking.check.fitting import reversed_edge
+from rtask.asking.check.look import Look
 from rtask.asking.check.naming.names import affinity, words_of
 from rtask.asking.check.naming.usual import heads, kinds_by_name, nouns, usual_kinds, usual_literals
-from rtask.asking.check.repairs import Repairs
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context, Demand, family
 from rtask.asking.check.vocabulary import local
@@ -20,21 +20,12 @@ _READ_AS_EITHER = ({"number", "dateTime"}, {"number", "boolean"})
 """Families of literals that one name is used for: ``?held`` says whether, and how often."""
 
 
-class ByNames:
+class ByNames(Look):
     """Looks for variables named after something else than they stand for."""
-
-    def __init__(self, fitting: Fitting, repairs: Repairs, blamed: set[int]) -> None:
-        self._fitting = fitting
-        self._vocabulary = fitting.vocabulary
-        self._evidence = fitting.evidence
-        self._repairs = repairs
-        self._blamed = blamed
 
     def turned(self, context: Context) -> Iterator[Finding]:
         """Yield the patterns whose variables are named after what stands at the other end."""
-        for edge in context.own:
-            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
-                continue
+        for edge in self._patterns(context):
             step = edge.steps[0]
             axioms = self._vocabulary.properties.get(step.node.value)
             if axioms is None or axioms.relates_things is not True:
@@ -58,9 +49,7 @@ class ByNames:
 
     def better(self, context: Context) -> Iterator[Finding]:
         """Yield the patterns that match nothing here where a property named like its value does."""
-        for edge in context.own:
-            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
-                continue
+        for edge in self._patterns(context):
             node = edge.steps[0].node
             value = edge.ends[0 if edge.steps[0].is_inverse else 1]
             if node.value == TYPE or value.kind != "variable":
@@ -86,9 +75,7 @@ class ByNames:
         """Yield the patterns that make of a variable what its name never stands for."""
         kinds, literals = usual_kinds(self._vocabulary), usual_literals(self._vocabulary)
         by_name = kinds_by_name(self._vocabulary)
-        for edge in context.own:
-            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
-                continue
+        for edge in self._patterns(context):
             for demand in self._fitting.demands.of(edge, context) or ():
                 if demand.node.kind != "variable" or demand.is_observed:
                     continue

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 from rtask.asking.check.by_data import is_chained
 from rtask.asking.check.findings import Finding
-from rtask.asking.check.fitting import Fitting, is_same_variable, reversed_edge
+from rtask.asking.check.fitting import is_same_variable, reversed_edge
+from rtask.asking.check.look import Look
 from rtask.asking.check.naming.meanings import (
     head_of,
     is_identifying,
@@ -17,7 +18,6 @@ from rtask.asking.check.naming.meanings import (
     rank_of_values,
 )
 from rtask.asking.check.naming.names import affinity, words_of
-from rtask.asking.check.repairs import Repairs
 from rtask.asking.check.syntax.outline import Edge
 from rtask.asking.check.types import TYPE, Context, Demand, family
 from rtask.asking.check.vocabulary import local
@@ -26,20 +26,12 @@ from rtask.asking.check.wording import demanded
 __all__ = ["ByWords"]
 
 
-class ByWords:
+class ByWords(Look):
     """Looks for variables whose last word says that they are something else."""
-
-    def __init__(self, fitting: Fitting, repairs: Repairs, blamed: set[int]) -> None:
-        self._fitting = fitting
-        self._vocabulary = fitting.vocabulary
-        self._repairs = repairs
-        self._blamed = blamed
 
     def findings(self, context: Context) -> Iterator[Finding]:
         """Yield the patterns of a context that the words of its variables contradict."""
-        for edge in context.own:
-            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
-                continue
+        for edge in self._patterns(context):
             if self._is_upside_down(edge, context):
                 self._blamed.add(id(edge))
                 yield self._turned(edge)
