@@ -167,10 +167,12 @@ def _change(less: NDArray[np.float64], of: NDArray[np.intp]) -> dict[str, Any]:
 
 
 def rows_of(families: Mapping[str, Mapping[str, Any]], robot: int) -> list[tuple[str, ...]]:
-    """Return the table of :data:`COLUMNS` for the first or the second robot."""
+    """Return the table of :data:`COLUMNS` for a robot, the family where causes cost most first."""
+    cost = "causes less neither" if robot == 1 else "both less memory"
+    figures = {name: family[f"robot_{robot}"] for name, family in families.items()}
     return [
-        (name, *(_shown(figures[f"robot_{robot}"].get(column)) for column in COLUMNS[1:]))
-        for name, figures in families.items()
+        (name, *(_shown(figures[name].get(column)) for column in COLUMNS[1:]))
+        for name in sorted(figures, key=lambda name: -float(figures[name][cost]["change"]))
     ]
 
 

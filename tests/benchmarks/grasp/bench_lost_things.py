@@ -74,7 +74,7 @@ def judge_box(robot: str, seed: int, number: int) -> tuple[list[tuple[bool, str]
             world = body.world
             box = world.place_boxes["left" if number % 2 else "right"]
             plan = SimpleNamespace(request=SimpleNamespace(table_height=world.table_height))
-            looks = Looks(body.executor, plan)  # type: ignore[arg-type]
+            looks = Looks(body.executor, plan)  # type: ignore[arg-type]  # needs no grasp
             inside: list[int] = []
             for k in range(_AT_A_BOX):
                 spec = product(_KINDS[int(rng.integers(len(_KINDS)))], int(rng.integers(200)))

@@ -12,7 +12,7 @@ import pytest
 from rtask.errors import UsageError
 from simulate.fleet.study_commands import attempts
 from simulate.study.attempt_table import attempt_study, attempt_trial, read_attempts
-from simulate.world.hidden import HIDDEN_KINDS, UNFORESEEN_KINDS, Part
+from simulate.world.hidden import HIDDEN_KINDS, UNFORESEEN_KINDS, HiddenKind, Part
 from simulate.world.objects import PRODUCTS, product, sample_products, spec_of
 from simulate.world.world import World
 
@@ -98,8 +98,8 @@ def test_a_pressed_weak_end_breaks_and_the_product_stays_on_the_table() -> None:
 
 
 @pytest.mark.parametrize("kind", [k for k in UNFORESEEN_KINDS if k != "shifting"])
-def test_the_parts_of_a_product_fill_it_from_end_to_end(kind: str) -> None:
-    spec = product(kind, 5)  # type: ignore[arg-type]
+def test_the_parts_of_a_product_fill_it_from_end_to_end(kind: HiddenKind) -> None:
+    spec = product(kind, 5)
     parts = sorted(spec.secret.parts, key=lambda part: part.position[0])
     ends = [(p.position[0] - p.size[0] / 2, p.position[0] + p.size[0] / 2) for p in parts]
     assert (ends[0][0], ends[-1][1]) == pytest.approx((-spec.dims[0] / 2, spec.dims[0] / 2))
