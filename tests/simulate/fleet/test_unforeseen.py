@@ -49,3 +49,12 @@ def test_a_product_is_tried_with_its_family_s_hand() -> None:
     settings = {**study.settings, "grasps": 2}
     for number in range(len(FAMILIES)):
         assert unforeseen_trial(settings, number)["arms"]
+
+
+def test_the_family_where_causes_cost_most_comes_first() -> None:
+    def family(change: float) -> dict[str, dict[str, object]]:
+        figures = {"change": change, "interval95": [change - 1, change + 1]}
+        return {"robot_1": {"causes less neither": figures, "neither": 2.0}}
+
+    families = {"saves": family(-0.5), "costs": family(0.25), "neither": family(0.0)}
+    assert [row[0] for row in rows_of(families, 1)] == ["costs", "neither", "saves"]
