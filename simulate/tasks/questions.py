@@ -105,4 +105,6 @@ def read_reply(claim: Claim) -> Reply:
         return Reply("end", "released", f"{by} says that it is at {name}", answer["place"])
     if code == "done":
         return Reply("look", comment=f"{by} did it")
-    return Reply("try" if code == "helped" else "go_on", comment=f"{by} helped")
+    if code == "helped":
+        return Reply("try", comment=f"{by} helped")
+    return Reply("go_on")

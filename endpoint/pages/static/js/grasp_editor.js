@@ -85,14 +85,14 @@ function changed() {
   const request = { polygon: outline.vertices.map((vertex) => [...vertex]), ...filledIn() };
   if (dragged >= 0 && request.method === "simulation") return planner.cancel(); // it takes long: asked when the vertex is let go
   remember();
-  if (count >= 3) {
+  if (count >= 3 && !outline.isFlat) {
     said.textContent += PLANNING;
     return planner.ask(request);
   }
   planner.cancel();
   noGrasps();
   showProblem(null);
-  said.textContent += count ? "; an outline needs three" : ": click into the drawing, press Enter in it, or choose an example";
+  said.textContent += count >= 3 ? "; they lie on one line" : count ? "; an outline needs three" : ": click into the drawing, press Enter in it, or choose an example";
 }
 
 /** Keep the state in the address, once it has settled: browsers limit how often it may change. */

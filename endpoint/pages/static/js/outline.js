@@ -1,12 +1,20 @@
 // The outline that is edited: its vertices in m, the chosen one, and the states that undo restores.
 
 const MAX_UNDO = 100;
+const LEAST_M2 = 1e-12; // below what vertices to a micrometre can span
 const round = (value) => Number(value.toFixed(6)); // to a micrometre
 
 export class Outline {
   #past = [];
   vertices = [];
   chosen = -1;
+
+  /** Whether all vertices lie on one line, as while a third one is placed: there is no part yet. */
+  get isFlat() {
+    const [first, ...others] = this.vertices;
+    const sides = others.map(([x, y]) => [x - first[0], y - first[1]]);
+    return sides.every(([x, y]) => sides.every(([u, v]) => Math.abs(x * v - y * u) < LEAST_M2));
+  }
 
   /** Remember the present state for undo. */
   mark() {
