@@ -106,7 +106,7 @@ def test_an_outline_is_drawn_and_a_grasp_chosen_by_keyboard_alone(
         for key in ("Enter", "Enter", "Shift+ArrowRight", "Enter"):
             page.keyboard.press(key)
         page.get_by_text("they lie on one line").wait_for()
-        # A moment later the address has three vertices; no plan was asked for, which would be a fault.
+        # A moment later the address has three vertices; a plan asked for would be a fault by then.
         page.wait_for_url(re.compile(r"polygon=[^;]+;[^;]+;[^;]+$"))
         page.keyboard.press("Shift+ArrowUp")
         (x0, y0), (x1, y1), (x2, y2) = _vertices(page)
