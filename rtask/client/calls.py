@@ -31,6 +31,7 @@ __all__ = [
     "GoalPlan",
     "GraspConfidence",
     "GraspContact",
+    "GraspPromise",
     "GraspStatistics",
     "Inserted",
     "InsertedObject",
@@ -550,6 +551,16 @@ class GraspConfidence(TypedDict):
     note: str
 
 
+class GraspPromise(TypedDict):
+    """What is promised of a grasp planned on a mesh, by the hand that asks."""
+
+    lift_chance: float | None
+    lift_at_least: float | None
+    carry_chance: float | None
+    carry_at_least: float | None
+    outcomes: int
+
+
 class RecalledGrasp(TypedDict):
     """One known grasp as moveit_msgs/Grasp, in the frame of its object."""
 
@@ -575,6 +586,7 @@ class RecalledGrasp(TypedDict):
     opening: float | None
     statistics: GraspStatistics
     confidence: GraspConfidence
+    promise: GraspPromise
 
 
 class RecalledGrasps(TypedDict):

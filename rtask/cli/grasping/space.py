@@ -61,18 +61,19 @@ class _SpaceCall(SpatialCall):
             if getattr(self, name):
                 raise UsageError(f"--{name} {why}: leave it out")
 
-    def planning(self) -> SpatialOptions:
+    def planning(self, grown: Promises | None = None) -> SpatialOptions:
+        """Return the options of the planner; ``grown`` are promises from outcomes in the graph."""
         from grasp.spatial.grasp_plan import SpatialOptions
 
         return SpatialOptions(
             noise=self.noise, samples=self.samples, mass=self.mass, seed=self.seed, most=self.most,
-            find_support=not self.floating, promises=self.promises(),
+            find_support=not self.floating, promises=self.promises(grown),
         )  # fmt: skip
 
-    def promises(self) -> Promises | None:
-        """Return what the hand's own outcomes teach, if they are given."""
+    def promises(self, grown: Promises | None = None) -> Promises | None:
+        """Return what the hand's own outcomes teach: those of a file, else those in the graph."""
         if self.outcomes is None:
-            return None
+            return grown
         from grasp.spatial.gripper import ParallelGripper
         from grasp.spatial.scoring.outcome_files import read_outcomes
         from grasp.spatial.scoring.promises import Promises
@@ -152,15 +153,16 @@ def space(source: str, data: Path, as_json: bool, **options: Any) -> None:
     SOURCE is a mesh (.stl, .obj, .ply; z up), a segmented point cloud (.pcd, .ply, .npy, .xyz; z
     up), or the IRI, id or name of an object in the graph. Grasps are ranked by their confidence
     under an uncertain pose; lengths are in m. For meshes, lift and carry are the chances that the
-    hand lifts the object and still holds it when shaken; see --outcomes.
+    hand lifts the object and still holds it when shaken; for objects of the graph they follow the
+    outcomes of such hands that are stored there, see --outcomes.
     """
     with errors_name(source), announce_compilation():
         call = _SpaceCall(**options)
         hand = call.end_effector()
-        shape, note, stored_shape = _shape(source, data, call)
+        shape, note, stored_shape, grown = _shape(source, data, call)
         began = time.perf_counter()
         with Working("planning"):
-            proposals = _planned(shape, stored_shape, hand, call)
+            proposals = _planned(shape, stored_shape, hand, call, grown)
         seconds = time.perf_counter() - began
         stored = None
         if call.store and stored_shape is not None:
@@ -170,29 +172,39 @@ def space(source: str, data: Path, as_json: bool, **options: Any) -> None:
     exit_if_empty(reported)
 
 
-def _shape(source: str, data: Path, call: _SpaceCall) -> tuple[Shape, str, ObjectShape | None]:
-    """Return a mesh or points (n, 3), a line about it, and what the graph has of an object."""
+def _shape(
+    source: str, data: Path, call: _SpaceCall
+) -> tuple[Shape, str, ObjectShape | None, Promises | None]:
+    """Return a mesh or points (n, 3), a line about it, and what the graph has of an object.
+
+    The latter is its shape, and what is promised after the outcomes of hands of the given type.
+    """
     from grasp.push.inputs.sources import read_cloud
     from grasp.spatial.meshes.mesh_files import is_mesh, read_mesh
 
     path = Path(source)
     if not path.is_file():
-        stored_shape = _object(source, data)
+        stored_shape, grown = _object(source, data, call)
         call.refuse(f"is about files, and {source} is an object", "viewpoint", "grasps", "part")
         if stored_shape.mesh is None:
             call.refuse(f"is about meshes, and {source} has a cloud", "outcomes")
-        shape = stored_shape.points if stored_shape.mesh is None else stored_shape.mesh
-        return shape, stored_shape.note, stored_shape
+        if stored_shape.mesh is None:
+            return stored_shape.points, stored_shape.note, stored_shape, None
+        note = stored_shape.note
+        if grown is not None and grown.outcomes and call.outcomes is None:
+            of = "outcome" if grown.outcomes == 1 else "outcomes"
+            note += f"; promises follow {grown.outcomes} {of} of such hands in the graph"
+        return stored_shape.mesh, note, stored_shape, grown
     if call.store:
         raise UsageError("--store needs an object of the graph, not a file")
     if is_mesh(path):
         call.refuse(f"is about clouds, and {path} is a mesh", "viewpoint", "classifier")
         mesh, others = _body(read_mesh(path, call.scale), path, call)
-        return mesh, f"{len(mesh.faces)} faces, {_size(mesh)}{others}", None
+        return mesh, f"{len(mesh.faces)} faces, {_size(mesh)}{others}", None, None
     call.refuse(f"needs the mesh that they are grasps of, and {path} is a cloud", "grasps")
     call.refuse(f"is about meshes, and {path} is a cloud", "part", "outcomes")
     points = call.scale * read_cloud(path)
-    return points, f"{len(points)} points", None
+    return points, f"{len(points)} points", None, None
 
 
 def _body(mesh: Mesh, path: Path, call: _SpaceCall) -> tuple[Mesh, str]:
@@ -219,14 +231,18 @@ def _size(mesh: Mesh) -> str:
 
 
 def _planned(
-    shape: Shape, stored_shape: ObjectShape | None, hand: EndEffector, call: _SpaceCall
+    shape: Shape,
+    stored_shape: ObjectShape | None,
+    hand: EndEffector,
+    call: _SpaceCall,
+    grown: Promises | None,
 ) -> Proposals:
     from grasp.spatial.meshes.mesh import Mesh
 
     if hand.contact_kind != "jaws":
         call.refuse_for_contacts(hand, "grasps", "classifier")
     if stored_shape is not None:
-        return stored_shape.plan(hand, call.planning(), call.filter(), call.floating)
+        return stored_shape.plan(hand, call.planning(grown), call.filter(), call.floating)
     if isinstance(shape, Mesh):
         return _plan_mesh(shape, hand, call)
     return _plan_cloud(shape, hand, call)
@@ -279,8 +295,8 @@ def _support(points: NDArray[np.float64], call: _SpaceCall) -> Support | None:
     return Support(float(finite[:, 2].min()))
 
 
-def _object(source: str, data: Path) -> ObjectShape:
-    """Return the best stored shape of an object of the graph."""
+def _object(source: str, data: Path, call: _SpaceCall) -> tuple[ObjectShape, Promises | None]:
+    """Return the best stored shape of an object of the graph, and promises by its outcomes."""
     if not data.exists():
         if Path(source).is_dir():
             raise UsageError(f"{source} is a folder; give a file in it")
@@ -288,10 +304,14 @@ def _object(source: str, data: Path) -> ObjectShape:
     from rtask.cli.connection import open_to_read
     from rtask.cli.things import name_or_iri
     from rtask.engine.engine import Engine
+    from rtask.engine.memory.promises import grown_promises, hands_of_type
     from rtask.engine.records.shapes import object_shape
 
     with open_to_read(data) as kb, Engine(kb) as engine:
-        return object_shape(engine.context, name_or_iri(source, data))
+        shape = object_shape(engine.context, name_or_iri(source, data))
+        hand = call.end_effector()
+        hands = hands_of_type(engine.context, call.gripper_type or hand.gripper_type)
+        return shape, grown_promises(engine.context, hand, hands)
 
 
 def _store(

@@ -11,6 +11,7 @@ from grasp.messages import spatial_grasp_message
 from grasp.spatial.candidate import Contacts, GraspCandidate
 from grasp.spatial.gripper import EndEffector, ParallelGripper
 from rtask.engine.memory.confidence import Confidence, posterior, stored_confidences
+from rtask.engine.memory.promises import grown_promises, stored_scores
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import GraspStatistics, lower_95, summary
@@ -29,6 +30,7 @@ from rtask.wire.types import (
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
+    from rtask.engine.grippers import StoredGripper
     from rtask.kb.commit.access import Access
 
 __all__ = [
@@ -36,6 +38,7 @@ __all__ = [
     "GraspContact",
     "GraspFields",
     "GraspMessage",
+    "GraspPromise",
     "RecallGrasps",
     "RecalledGrasp",
     "RecalledGrasps",
@@ -71,6 +74,20 @@ class GraspConfidence(Answer):
     updated: str
     policy: str
     note: str
+
+
+class GraspPromise(Answer):
+    """What is promised of a grasp planned on a mesh, by the hand that asks."""
+
+    lift_chance: float | None
+    """that it lifts the object; null where nothing is promised, as for a grasp that was seen"""
+    lift_at_least: float | None
+    """held by nine of ten objects of that chance"""
+    carry_chance: float | None
+    """that the object is still held when it is shaken at 2.5 g"""
+    carry_at_least: float | None
+    outcomes: int
+    """of the hand, from which the promises grew; 0 = as by the factory"""
 
 
 class GraspFields(Answer):
@@ -130,6 +147,7 @@ class RecalledGrasp(GraspMessage):
     opening: float | None
     statistics: GraspStatistics
     confidence: GraspConfidence
+    promise: GraspPromise
 
 
 class RecalledGrasps(Answer):
@@ -149,34 +167,46 @@ def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> Re
     name = resolve_object(context, request.object)
     memory = recall(context.kb, Question(objects=(name,), in_space=request.in_space))
     remembered = memory.objects[name]
-    grasps = memory.of(name)
+    grasps, registered = memory.of(name), None
     if request.gripper_id:
-        hand = context.grippers.find(request.gripper_id, access).gripper
-        hand_kind = (hand.gripper_type, hand.contact_kind)
+        registered = context.grippers.find(request.gripper_id, access)
+        hand_kind = (registered.gripper.gripper_type, registered.gripper.contact_kind)
         grasps = [g for g in grasps if (g.gripper_type, g.contact_kind) == hand_kind]
     return RecalledGrasps(
         object=name,
         class_iri=remembered.class_iri,
         label=remembered.label,
-        grasps=recalled(context, grasps, request.max_grasps),
+        grasps=recalled(context, grasps, request.max_grasps, registered),
         grasps_left_out=max(len(grasps) - request.max_grasps, 0),
     )
 
 
-def recalled(context: Context, grasps: Iterable[Remembered], most: int) -> list[RecalledGrasp]:
+def recalled(
+    context: Context, grasps: Iterable[Remembered], most: int, hand: StoredGripper | None = None
+) -> list[RecalledGrasp]:
     """Return grasps as messages in their object's frame, most reliable first.
 
-    They are ordered by the lower bound on their success rate, then by the stored quality.
+    They are ordered by the lower bound on their success rate, then by the stored quality; of what
+    is promised, see :func:`as_messages`.
     """
     order = sorted(
         grasps, key=lambda g: (-lower_95(g.successes, g.attempts), -g.successes, -g.quality)
     )[:most]
-    return as_messages(context, order)
+    return as_messages(context, order, hand)
 
 
-def as_messages(context: Context, grasps: Sequence[Remembered]) -> list[RecalledGrasp]:
-    """Return grasps as messages in their object's frame, in the given order."""
+def as_messages(
+    context: Context, grasps: Sequence[Remembered], hand: StoredGripper | None = None
+) -> list[RecalledGrasp]:
+    """Return grasps as messages in their object's frame, in the given order.
+
+    Parameters
+    ----------
+    hand
+        Of which something is promised, as far as grasps are of its type; None = of none.
+    """
     stored = stored_confidences(context, [g.grasp for g in grasps])
+    promised = _promised(context, grasps, hand)
     return [
         RecalledGrasp(
             **{**_message(context, g), "id": g.grasp, "grasp_quality": g.quality},
@@ -192,9 +222,32 @@ def as_messages(context: Context, grasps: Sequence[Remembered]) -> list[Recalled
             opening=g.opening,
             statistics=summary(g.successes, g.attempts),
             confidence=_confidence(context, g, stored.get(g.grasp, Confidence())),
+            promise=promised.get(g.grasp, _NO_PROMISE),
         )
         for g in grasps
     ]
+
+
+def _promised(
+    context: Context, grasps: Sequence[Remembered], hand: StoredGripper | None
+) -> dict[str, GraspPromise]:
+    """Return what is promised of those grasps of a hand's type that keep their scores."""
+    if hand is None:
+        return {}
+    mine = [g.grasp for g in grasps if g.gripper_type == hand.gripper.gripper_type]
+    scores = stored_scores(context, mine)
+    promises = grown_promises(context, hand.gripper, [hand.iri]) if scores else None
+    if promises is None:
+        return {}
+    return {
+        grasp: GraspPromise(**promises.of(told), outcomes=promises.outcomes)
+        for grasp, told in scores.items()
+    }
+
+
+_NO_PROMISE = GraspPromise(
+    lift_chance=None, lift_at_least=None, carry_chance=None, carry_at_least=None, outcomes=0
+)
 
 
 def contact_messages(contacts: Contacts | None) -> list[GraspContact]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from grasp.spatial.candidate import contacts_of
 from grasp.spatial.frames import tilt
 from rtask.engine.grippers import jaws_modelled, with_friction
+from rtask.engine.memory.promises import SCORES, grown_promises
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.operations.grasps import RecalledGrasp, as_messages
@@ -137,6 +138,9 @@ class PlannedSpatialGrasp:
         Of a cup or of three fingers, in the object's frame; None for jaws.
     quality
         Chance to hold, where it says more than the confidence in closing; None = the confidence.
+    scores
+        That promises rest on, by name (:data:`rtask.engine.memory.promises.SCORES`); none of a
+        grasp that was planned on a cloud.
     """
 
     object_from_gripper: NDArray[np.float64]
@@ -150,6 +154,7 @@ class PlannedSpatialGrasp:
     orientation_sigma: float
     contacts: Contacts | None = None
     quality: float | None = None
+    scores: Mapping[str, float] = field(default_factory=dict)
 
 
 @operation("write", "writes", "plan grasps in space of a known object and store them")
@@ -161,7 +166,8 @@ def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> Pla
     from grasp.spatial.grasp_plan import SpatialOptions
     from grasp.spatial.scoring.confidence import PoseNoise
 
-    hand = jaws_modelled(context.grippers.find(request.gripper_id, access).gripper)
+    registered = context.grippers.find(request.gripper_id, access)
+    hand = jaws_modelled(registered.gripper)
     if request.friction is not None:
         hand = with_friction(hand, request.friction)
     shape = object_shape(context, request.object)
@@ -171,6 +177,7 @@ def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> Pla
         SpatialOptions(
             noise=noise, samples=request.samples, tries=_TRIES, seed=request.seed,
             mass=request.mass or stored_mass(context, shape.object_iri),
+            promises=grown_promises(context, hand, [registered.iri]),
         ),
     )  # fmt: skip
     sure = [c for c in candidates if c.scores["confidence"] >= request.min_confidence]
@@ -194,7 +201,7 @@ def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> Pla
         commit=stored["commit"],
         tried=dict(candidates.counts),
         grasps=as_messages(
-            context, [stored_grasps[name] for name in dict.fromkeys(stored["grasps"])]
+            context, [stored_grasps[name] for name in dict.fromkeys(stored["grasps"])], registered
         ),
     )
 
@@ -208,6 +215,7 @@ def as_planned(
             c.frame_from_gripper, c.width, c.width if c.opening is None else c.opening,
             c.scores["confidence"], c.scores["lower_95"], c.scores.get("epsilon", 0.0),
             samples, noise.position_std, noise.rotation_std, contacts_of(c, hand), c.score,
+            {name: c.scores[name] for name in SCORES if "carry" in c.scores and name in c.scores},
         )
         for c in candidates
     ]  # fmt: skip
@@ -293,6 +301,7 @@ def store_planned_in_space(
             RT.sampleCount: planned.samples,
             RT.positionSigma: planned.position_sigma,
             RT.orientationSigma: planned.orientation_sigma,
+            **{SCORES[name]: score for name, score in planned.scores.items()},
         }
 
     return _store(

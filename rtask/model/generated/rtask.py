@@ -1281,6 +1281,9 @@ class GraspEvaluation(InformationEntity):
     belief_beta
         Beta of the Beta distribution whose mean is the confidence: prior and counted
         failures. [UNITLESS]
+    carry_score
+        The score in [0, 1] by which a grasp is ranked for carrying at 2.5 g; a hand's
+        outcomes map it to a chance. [UNITLESS]
     closure_mode
         The kind of closure of the grasp.
     confidence_lower95
@@ -1295,6 +1298,12 @@ class GraspEvaluation(InformationEntity):
         The lower bound Q on the probability of force closure (Kehoe 2014, 3.1). [UNITLESS]
     grasp_confidence
         The confidence s_G in [0, 1]: mean quality over weighted perturbations. [UNITLESS]
+    lift_score
+        The score in [0, 1] by which a grasp is ranked for lifting at 1 g; a hand's outcomes
+        map it to a chance. [UNITLESS]
+    load_share
+        The weight of the object over what the friction of the hand bears, as assumed when the
+        grasp was planned. [UNITLESS]
     sample_count
         The number of perturbations tried. [NUM]
     """
@@ -1304,12 +1313,15 @@ class GraspEvaluation(InformationEntity):
 
     belief_alpha: One[float] = One(_RT + "beliefAlpha", _XSD + "double", functional=True, unit="UNITLESS")
     belief_beta: One[float] = One(_RT + "beliefBeta", _XSD + "double", functional=True, unit="UNITLESS")
+    carry_score: One[float] = One(_RT + "carryScore", _XSD + "double", functional=True, unit="UNITLESS")
     closure_mode: Links[ClosureMode] = Links(_RT + "closureMode", _RT + "ClosureMode", limits=Limits(one_of=(_RT + "convexVertexClosure", _RT + "frictionClosure", _RT + "slipClosure",)))
     confidence_lower95: One[float] = One(_RT + "confidenceLower95", _XSD + "double", functional=True, unit="UNITLESS")
     epsilon_quality: One[float] = One(_RT + "epsilonQuality", _XSD + "double", functional=True, unit="UNITLESS")
     evaluates: Link[GraspConfiguration] = Link(_RT + "evaluates", _RT + "GraspConfiguration", functional=True, inverse=_RT + "hasEvaluation", stored=False)
     force_closure_lower_bound: One[float] = One(_RT + "forceClosureLowerBound", _XSD + "double", functional=True, unit="UNITLESS")
     grasp_confidence: One[float] = One(_RT + "graspConfidence", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
+    lift_score: One[float] = One(_RT + "liftScore", _XSD + "double", functional=True, unit="UNITLESS")
+    load_share: One[float] = One(_RT + "loadShare", _XSD + "double", functional=True, unit="UNITLESS")
     sample_count: One[int] = One(_RT + "sampleCount", _XSD + "positiveInteger", functional=True, unit="NUM")
 
 

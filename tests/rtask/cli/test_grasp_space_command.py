@@ -286,6 +286,65 @@ def test_grasps_in_space_are_stored_and_recalled(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_promises_follow_the_outcomes_of_such_hands_in_the_graph(tmp_path: Path) -> None:
+    from rtask.kb.commit.access import Access
+
+    data = tmp_path / "store"
+    hand = {"name": "hand", "gripper_type": "panda_hand", "kind": "ParallelJawGripper",
+            "max_opening": 0.08, "jaw_width": 0.02, "finger_length": 0.054,
+            "max_payload": 3.0}  # fmt: skip
+    me = Access("panda-1", "robot")
+    with rtask.open(data) as kb, Engine(kb) as engine:
+        engine.call("register_robot", {"name": "panda-1", "model": "panda",
+                                       "end_effectors": [hand]}, me)  # fmt: skip
+        thing = _stored_box(kb, (0.05, 0.04, 0.08))
+    few = (thing, "-d", str(data), "--samples", "20", "--mass", "0.3", "--json")
+    done = _run(*few, "--store")
+    assert done.exit_code == 0, (done.output, done.exception)
+    first = json.loads(done.output)
+    assert not any("promises follow" in note for note in first["notes"])
+    with rtask.open(data) as kb, Engine(kb) as engine:
+        for k, grasp in enumerate(first["stored"]["grasps"][:4]):
+            engine.call(
+                "report_outcome",
+                {"task_id": f"urn:try:{k}", "object": thing, "grasp": grasp, "success": False,
+                 "reason": "missed", "gripper_id": "hand"},
+                me,
+            )  # fmt: skip
+    after = json.loads(_run(*few).output)
+    assert any("promises follow 4 outcomes of such hands" in note for note in after["notes"])
+    for name in ("lift_chance", "lift_at_least", "carry_chance", "carry_at_least"):
+        assert after["grasps"][0][name] < first["grasps"][0][name]
+    assert after["grasps"][0]["lift"] == first["grasps"][0]["lift"]
+    with rtask.open(data) as kb, Engine(kb) as engine:
+        corrected = {"task_id": "urn:try:0", "verdict": "correct", "held": True}
+        engine.call("give_feedback", corrected, Access("ann", "teacher"))
+    judged = json.loads(_run(*few).output)
+    assert judged["grasps"][0]["lift_chance"] > after["grasps"][0]["lift_chance"]
+
+
+def _stored_box(kb: rtask.KnowledgeBase, size: tuple[float, float, float]) -> str:
+    """Store an object with the closed mesh of a box that stands on z = 0; return its IRI."""
+    from features.modelling import mesh_to_ply
+    from grasp.spatial.meshes.shapes import box_mesh
+    from rtask.engine.triples import Triples
+    from rtask.rdf.namespaces import RT
+    from rtask.rdf.terms import iri
+
+    box, thing = box_mesh(size), iri("https://w3id.org/rtask-kg/kb/object/crate")
+    grey = np.full((len(box.vertices), 3), 90, np.uint8)
+    data = mesh_to_ply(box.vertices + np.array([0, 0, size[2] / 2]), box.faces, grey)
+    triples, node = Triples(), iri(thing.value + "/cad")
+    triples.node(thing, [RT.ManipulableObject], {RT.objectId: "crate", RT.hasFeature: node})
+    triples.node(
+        node, [RT.TriangleMesh], {RT.hasBlob: triples.blob(kb.blobs.put(data, "model/ply"))}
+    )
+    with kb.transaction(note="a mesh") as tx:
+        triples.write(tx)
+    return thing.value
+
+
+@pytest.mark.slow
 def test_the_cloud_of_a_table_gives_grasps_of_each_thing(tmp_path: Path) -> None:
     from grasp.spatial.meshes.shapes import box_mesh
 
