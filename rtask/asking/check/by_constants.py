@@ -8,11 +8,16 @@ from rtask.asking.check.findings import Finding
 from rtask.asking.check.fitting import is_same_variable
 from rtask.asking.check.look import Look
 from rtask.asking.check.syntax.outline import Edge, Node
-from rtask.asking.check.types import TYPE, Context, Demand
+from rtask.asking.check.types import TYPE, Context, Demand, family
 from rtask.asking.check.vocabulary import local
 from rtask.asking.check.wording import demanded, label_of
 
 __all__ = ["ByConstants"]
+
+_READ_AS = {
+    "number": {"number"}, "text": {"text"}, "moment": {"moment"},
+    "quantity": {"number", "moment", "duration"},
+}  # fmt: skip
 
 
 class ByConstants(Look):
@@ -39,13 +44,13 @@ class ByConstants(Look):
         return ""
 
     def _compared(self, demand: Demand, context: Context) -> str:
-        """Return the words for a thing that is compared with a literal."""
-        if demand.is_thing is not True:
+        """Return the words for what an expression reads as another kind of value."""
+        if demand.is_thing is None:
             return ""
         for variable, kind in context.compared:
-            if is_same_variable(variable, demand.node):
+            if is_same_variable(variable, demand.node) and not _may_be(demand, kind):
                 what = demanded(self._vocabulary, demand)
-                return f"?{demand.node.value} is compared with a {kind}, but {what}"
+                return f"?{demand.node.value} is read as a {kind}, but {what}"
         return ""
 
     def _kind(self, demand: Demand, context: Context) -> str:
@@ -76,3 +81,16 @@ class ByConstants(Look):
             return "a class"
         specific = sorted(self._vocabulary.most_specific(kinds))
         return f"a {label_of(self._vocabulary, specific[0])}"
+
+
+def _may_be(demand: Demand, kind: str) -> bool:
+    """Return whether what stands at an end may be what an expression reads it as."""
+    if demand.is_thing:
+        return False
+    wanted = _READ_AS.get(kind)
+    families = {family(datatype) for datatype in demand.datatypes}
+    if wanted is None or not families or "" in families:
+        return True
+    named = {"moment" if name.startswith(("date", "time")) else name for name in families}
+    named = {"duration" if name.endswith("Duration") else name for name in named}
+    return bool(named & wanted)

@@ -106,7 +106,7 @@ class Faults:
         )
         doubt = count[id(edge)] + (1.5 if mends else 0.0)
         if len(edge.steps) == 1:
-            doubt -= 0.8 * min(self._fitting.merit(edge, context), 2.0)
+            doubt -= 0.8 * min(self._fitting.merit(edge, context, forgives=True), 2.0)
         return doubt, float(edge.start)
 
     def _conflict(self, edge: Edge, mine: list[Conflict], context: Context) -> Finding:

@@ -8,18 +8,25 @@ import ontology
 from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.findings import Edit, Repair
 from rtask.asking.check.fitting import Fitting, is_same_variable, replaced, reversed_edge
+from rtask.asking.check.naming.meanings import head_of, kinds_of_word
 from rtask.asking.check.naming.names import affinity, likeness, properties_named
-from rtask.asking.check.syntax.outline import Edge, Node, Outline
+from rtask.asking.check.syntax.outline import Edge, Node, Outline, Step
 from rtask.asking.check.syntax.writing import written
 from rtask.asking.check.types import TYPE, Context, Demand
 from rtask.asking.check.vocabulary import Vocabulary, local
 
-__all__ = ["Repairs"]
+__all__ = ["Repairs", "turned_edits"]
 
 _NS = ontology.NS
 _OFFERED = 3
 _TRIED = 16
 _NAMED = 0.6
+
+
+def turned_edits(step: Step) -> tuple[Edit, ...]:
+    """Return the edit that walks a predicate the other way."""
+    start = step.node.start
+    return (Edit(start - 1, start, "") if step.is_inverse else Edit(start, start, "^"),)
 
 
 class Repairs:
@@ -45,12 +52,7 @@ class Repairs:
         return repairs[:_OFFERED]
 
     def turned(self, edge: Edge) -> Repair:
-        (step,) = edge.steps
-        start = step.node.start
-        words = "turn the direction of the pattern"
-        if step.is_inverse:
-            return Repair(words, (Edit(start - 1, start, ""),))
-        return Repair(words, (Edit(start, start, "^"),))
+        return Repair("turn the direction of the pattern", turned_edits(edge.steps[0]))
 
     def other_properties(
         self, edge: Edge, context: Context, wishes: Iterable[Demand] = ()
@@ -72,6 +74,7 @@ class Repairs:
             for weight, end in ((0.4, about), (2.0, value)):
                 if end.kind == "variable":
                     rating += weight * affinity(end.value, iri, self._vocabulary)
+            rating += self._named_after_kind(value, self._vocabulary.properties[iri].range)
             fitting.append((-rating, iri))
         fitting.sort()
         rated = []
@@ -79,6 +82,13 @@ class Repairs:
             changed = replaced(edge, node, iri)
             rated.append((names - self._fitting.merit(changed, context), iri))
         return [self.written_as(node, iri) for _, iri in sorted(rated)[:_OFFERED]]
+
+    def _named_after_kind(self, value: Node, kinds: int | None) -> float:
+        """Return 0.8 where a variable is called like the values of a property, else 0."""
+        if value.kind != "variable" or kinds is None:
+            return 0.0
+        named = kinds_of_word(head_of(value.value), self._vocabulary)
+        return 0.8 if named & kinds else 0.0
 
     def has_attested(self, edge: Edge, context: Context, wish: Demand) -> bool:
         """Return whether the graph has, with another property, what a pattern is wished to be."""

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import ontology
 from rtask.asking.check.evidence import Evidence
+from rtask.asking.check.metamodel import CLASS
 from rtask.asking.check.syntax.outline import Edge, Group, Node, Step
 from rtask.asking.check.vocabulary import Property, Vocabulary
-from rtask.rdf.terms import RDF_TYPE
+from rtask.rdf.terms import RDF_TYPE, XSD
 
-__all__ = ["Conflict", "Context", "Demand", "contexts"]
+__all__ = ["Conflict", "Context", "Demand", "contexts", "read_demands"]
 
 TYPE = RDF_TYPE.value
 _Ends: TypeAlias = tuple[int | None, bool | None, frozenset[str]]
@@ -48,6 +49,13 @@ class Demand:
     def __post_init__(self) -> None:
         self.node = self.edge.object if self.at else self.edge.subject
 
+    @property
+    def is_class(self) -> bool:
+        """Whether the end is the class that something is of."""
+        return any(
+            step.node.value == TYPE and self.at == 1 - step.is_inverse for step in self.edge.steps
+        )
+
 
 @dataclass(slots=True)
 class Conflict:
@@ -71,7 +79,7 @@ class Context:
     columns
         Terms that VALUES gives to variables.
     compared
-        Variables of its own filters that are compared with a constant, and of what kind that is.
+        Variables that expressions read as values, and what they are read as.
     """
 
     own: list[Edge]
@@ -127,9 +135,25 @@ class Context:
         return listed
 
 
+_READ_AS = {
+    "number": ("double",), "text": ("string",), "moment": ("dateTime", "dateTimeStamp", "date"),
+    "quantity": ("double", "dateTime", "dateTimeStamp", "date"), "literal": (),
+}  # fmt: skip
+
+
+def read_demands(context: Context, names: Collection[str]) -> Iterator[Demand]:
+    """Yield what expressions demand of some variables."""
+    for node, kind in context.compared:
+        if node.value in names:
+            datatypes = frozenset(XSD + name for name in _READ_AS[kind])
+            yield Demand(Edge(node, [], node, -1, -1), 0, None, False, datatypes)
+
+
 def contexts(group: Group, around: Context | None = None) -> Iterator[Context]:
     """Yield the context of a group, and those of the groups in it that need not match."""
     own = Context([], around.edges if around else [], dict(around.columns) if around else {})
+    if around is not None and group.role != "minus":
+        own.compared += around.compared
     apart: list[Group] = []
     _collect(group, own, apart)
     yield own
@@ -165,12 +189,15 @@ class Demands:
         return read[1]
 
     def _of(self, edge: Edge, context: Context) -> tuple[Demand, Demand] | None:
-        if edge.is_loose or not edge.steps:
+        if not edge.steps:
             return None
         ends = [self._of_step(step, edge, context) for step in edge.steps]
         subject = Demand(edge, 0, *_either([first[0] for first in ends]))
         value = Demand(edge, 1, *_either([first[1] for first in ends]))
-        if self._evidence is not None and len(edge.steps) == 1:
+        if edge.is_loose:  # of length zero it says nothing of literals, and always is of no use
+            for demand in (subject, value):
+                demand.datatypes = frozenset()
+        elif self._evidence is not None and len(edge.steps) == 1:
             for demand in (subject, value):
                 self._observe(demand, self._evidence)
         return subject, value
@@ -189,7 +216,8 @@ class Demands:
         if step.node.value == TYPE:
             value = edge.ends[0 if step.is_inverse else 1]
             bits = self._members(value, context)
-            ends = ((bits, True, frozenset[str]()), nothing)
+            classes = self._vocabulary.below[CLASS]
+            ends = ((bits, True, frozenset[str]()), (classes, True, frozenset[str]()))
         else:
             axioms = self._vocabulary.properties.get(step.node.value)
             if axioms is None:
