@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.naming.names import affinity, likeness
@@ -246,15 +246,19 @@ class Fitting:
 def reversed_edge(edge: Edge) -> Edge:
     """Return an edge with its predicates walked the other way."""
     steps = [Step(step.node, not step.is_inverse) for step in edge.steps]
-    return replace(edge, steps=steps)
+    return _changed(edge, edge.subject, steps, edge.object)
 
 
 def replaced(edge: Edge, node: Node, iri: str) -> Edge:
     """Return an edge with another term in the place of one."""
-    other = replace(node, value=iri)
+    other = Node(node.kind, iri, node.start, node.end, node.datatype)
     steps = [Step(other, step.is_inverse) if step.node is node else step for step in edge.steps]
     subject, value = (other if end is node else end for end in edge.ends)
-    return replace(edge, steps=steps, subject=subject, object=value)
+    return _changed(edge, subject, steps, value)
+
+
+def _changed(edge: Edge, subject: Node, steps: list[Step], value: Node) -> Edge:
+    return Edge(subject, steps, value, edge.start, edge.end, edge.is_loose, edge.is_path)
 
 
 def is_written_once(edge: Edge, other: Edge) -> bool:

@@ -9,7 +9,7 @@ from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.findings import Edit, Repair
 from rtask.asking.check.fitting import Fitting, is_same_variable, replaced, reversed_edge
 from rtask.asking.check.naming.meanings import head_of, kinds_of_word
-from rtask.asking.check.naming.names import affinity, likeness, properties_named
+from rtask.asking.check.naming.names import affinities, affinity, likeness, properties_named
 from rtask.asking.check.syntax.outline import Edge, Node, Outline, Step
 from rtask.asking.check.syntax.writing import written
 from rtask.asking.check.types import TYPE, Context, Demand
@@ -19,8 +19,8 @@ __all__ = ["Repairs", "turned_edits"]
 
 _NS = ontology.NS
 _OFFERED = 3
-_TRIED = 16
-_NAMED = 0.6
+_TRIED = 12
+_NAMED, _NAMED_SO = 0.6, 0.8
 
 
 def turned_edits(step: Step) -> tuple[Edit, ...]:
@@ -66,15 +66,21 @@ class Repairs:
         about, value = edge.ends[:: -1 if step.is_inverse else 1]
         fitting: list[tuple[float, str]] = []
         usual = self._fitting.usual
+        named = [
+            (weight, affinities(end.value, self._vocabulary))
+            for weight, end in ((0.4, about), (2.0, value))
+            if end.kind == "variable"
+        ]
+        kinds = self._kinds_named(value)
         for iri in self._fitting.fitting_properties(about, value, beside):
             if iri == node.value:
                 continue
             rating = 0.3 * likeness(self._vocabulary.lowered[iri], name) + 0.2 * iri.startswith(_NS)
             rating += 0.9 * usual.get(iri, 0.0)
-            for weight, end in ((0.4, about), (2.0, value)):
-                if end.kind == "variable":
-                    rating += weight * affinity(end.value, iri, self._vocabulary)
-            rating += self._named_after_kind(value, self._vocabulary.properties[iri].range)
+            for weight, known in named:
+                rating += weight * known.get(iri, 0.0)
+            if kinds and kinds & (self._vocabulary.properties[iri].range or 0):
+                rating += _NAMED_SO
             fitting.append((-rating, iri))
         fitting.sort()
         rated = []
@@ -83,12 +89,11 @@ class Repairs:
             rated.append((names - self._fitting.merit(changed, context), iri))
         return [self.written_as(node, iri) for _, iri in sorted(rated)[:_OFFERED]]
 
-    def _named_after_kind(self, value: Node, kinds: int | None) -> float:
-        """Return 0.8 where a variable is called like the values of a property, else 0."""
-        if value.kind != "variable" or kinds is None:
-            return 0.0
-        named = kinds_of_word(head_of(value.value), self._vocabulary)
-        return 0.8 if named & kinds else 0.0
+    def _kinds_named(self, node: Node) -> int:
+        """Return the bits of the classes that a variable is called like."""
+        if node.kind != "variable":
+            return 0
+        return kinds_of_word(head_of(node.value), self._vocabulary)
 
     def has_attested(self, edge: Edge, context: Context, wish: Demand) -> bool:
         """Return whether the graph has, with another property, what a pattern is wished to be."""

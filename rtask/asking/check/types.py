@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import ontology
 from rtask.asking.check.evidence import Evidence
-from rtask.asking.check.metamodel import CLASS
+from rtask.asking.check.metamodel import CLASS, PROPERTIES
 from rtask.asking.check.syntax.outline import Edge, Group, Node, Step
 from rtask.asking.check.vocabulary import Property, Vocabulary
 from rtask.rdf.terms import RDF_TYPE, XSD
@@ -50,10 +50,12 @@ class Demand:
         self.node = self.edge.object if self.at else self.edge.subject
 
     @property
-    def is_class(self) -> bool:
-        """Whether the end is the class that something is of."""
+    def is_of_terms(self) -> bool:
+        """Whether the end is a class or property, which people call ``?kind`` or as they like."""
         return any(
-            step.node.value == TYPE and self.at == 1 - step.is_inverse for step in self.edge.steps
+            step.node.value in PROPERTIES
+            or (step.node.value == TYPE and self.at == 1 - step.is_inverse)
+            for step in self.edge.steps
         )
 
 

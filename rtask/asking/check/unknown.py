@@ -189,7 +189,7 @@ class Unknown:
         lowered = self._vocabulary.lowered
         for iri in known:
             other = lowered[iri]
-            if abs(len(other) - len(name)) > longest:
+            if not -longest <= len(other) - len(name) <= longest:
                 continue
             if not may_be_like(name, other, _MIN_LIKENESS - 0.1):
                 continue

@@ -76,6 +76,11 @@ def style_queries() -> list[tuple[str, str]]:
     return _further("asking_styles.rq", "styles")
 
 
+def later_style_queries() -> list[tuple[str, str]]:
+    """Return queries in the same styles, written after the faults of those were mended."""
+    return _further("asking_styles_later.rq", "styles-later")
+
+
 def _further(file: str, stem: str) -> list[tuple[str, str]]:
     texts = (_HERE / file).read_text("utf-8").strip().split("\n\n")
     head = prologue(ontology.PREFIXES)
@@ -157,6 +162,7 @@ def main() -> None:
             ("written last", later_queries(), given.show if given.unseen else ""),
             ("of other laboratories", lab_queries(), given.show if given.unseen else ""),
             ("in many styles", style_queries(), given.show if given.unseen else ""),
+            ("in styles, later", later_style_queries(), given.show if given.unseen else ""),
         ):
             print(f"queries {name}")
             measure(Bench(kb), texts, given.seed, show)
