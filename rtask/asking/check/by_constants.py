@@ -25,20 +25,26 @@ class ByConstants(Look):
 
     def findings(self, context: Context) -> Iterator[Finding]:
         """Yield the patterns of a context that its constants contradict."""
-        for edge in self._patterns(context):
-            words = self._words(edge, context)
+        own = {id(edge) for edge in context.own}
+        for edge in context.edges:
+            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
+                continue
+            words = self._words(edge, context, is_own=id(edge) in own)
             if words:
                 self._blamed.add(id(edge))
                 node = edge.steps[0].node
                 repairs = tuple(self._repairs.of(edge, context))
                 yield Finding("wrong-type", "likely", node.start, node.end, words, repairs)
 
-    def _words(self, edge: Edge, context: Context) -> str:
-        """Return what is wrong with a pattern; empty if nothing is."""
+    def _words(self, edge: Edge, context: Context, *, is_own: bool) -> str:
+        """Return what is wrong with a pattern; empty if nothing is.
+
+        What a filter of an OPTIONAL reads may stem from a pattern around it.
+        """
         if edge.steps[0].node.value == TYPE:
             return ""
         for demand in self._fitting.demands.of(edge, context) or ():
-            words = self._compared(demand, context) or self._kind(demand, context)
+            words = self._compared(demand, context) or (is_own and self._kind(demand, context))
             if words:
                 return words
         return ""

@@ -117,6 +117,12 @@ class Evidence:
             self._kinds_of[term] = kinds
         return kinds
 
+    def has_kind(self, edge: Edge, at: int, bits: int, vocabulary: Vocabulary) -> bool:
+        """Return whether a thing at an end of a pattern is, or may be, in one of some classes."""
+        first = self._first(edge)
+        kinds = (kind for term in first.ends(at) for kind in self._kinds(term, vocabulary))
+        return not first.is_all or any(vocabulary.bit[kind] & bits for kind in kinds)
+
     def ends_of(self, iri: str, at: int, vocabulary: Vocabulary) -> int | None:
         """Return the bits of the classes of all subjects, or values, of a property.
 

@@ -89,6 +89,7 @@ class Fitting:
         self.demands = Demands(vocabulary, evidence)
         self.contexts = list(contexts(outline.body))
         self._at: dict[int, Context] = {}
+        self._said: set[tuple[str, ...]] | None = None
         for context in self.contexts:
             for edge in context.own:
                 self._at.setdefault(id(edge), context)
@@ -101,6 +102,12 @@ class Fitting:
     def context(self, edge: Edge) -> Context | None:
         """Return the context that a pattern stands in."""
         return self._at.get(id(edge))
+
+    def has(self, edge: Edge) -> bool:
+        """Return whether the query has a pattern somewhere, whatever way it is written."""
+        if self._said is None:
+            self._said = {_said(own) for context in self.contexts for own in context.own}
+        return _said(edge) in self._said
 
     def conflicts_of(self, edge: Edge, context: Context) -> list[Conflict]:
         """Return the conflicts of one pattern, perhaps a changed one, with the others."""
@@ -247,6 +254,15 @@ def reversed_edge(edge: Edge) -> Edge:
     """Return an edge with its predicates walked the other way."""
     steps = [Step(step.node, not step.is_inverse) for step in edge.steps]
     return _changed(edge, edge.subject, steps, edge.object)
+
+
+def _said(edge: Edge) -> tuple[str, ...]:
+    """Return what a pattern with one property says, from subject to value."""
+    if len(edge.steps) != 1:
+        return (str(edge.start),)
+    (step,) = edge.steps
+    about, value = edge.ends[:: -1 if step.is_inverse else 1]
+    return about.value, step.node.value, value.value
 
 
 def replaced(edge: Edge, node: Node, iri: str) -> Edge:

@@ -45,10 +45,11 @@ class Repairs:
         repairs: list[Repair] = []
         if step.node.value == TYPE:
             return self._other_classes(edge, context)
-        turned = reversed_edge(edge)
-        if not self._fitting.misfits(turned, context):
-            repairs.append(self.turned(edge))
         repairs += self.other_properties(edge, context)
+        if not self._fitting.misfits(reversed_edge(edge), context):
+            known = self._vocabulary.properties.get(step.node.value)
+            is_first = step.is_inverse or known is None or known.relates_things is not False
+            repairs.insert(0 if is_first else 1, self.turned(edge))  # few start from a literal
         return repairs[:_OFFERED]
 
     def turned(self, edge: Edge) -> Repair:

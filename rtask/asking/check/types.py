@@ -16,6 +16,7 @@ from rtask.rdf.terms import RDF_TYPE, XSD
 __all__ = ["Conflict", "Context", "Demand", "contexts", "read_demands"]
 
 TYPE = RDF_TYPE.value
+_SUB_CLASS = ontology.PREFIXES["rdfs"] + "subClassOf"
 _Ends: TypeAlias = tuple[int | None, bool | None, frozenset[str]]
 """Classes, whether things, and datatypes of one end."""
 
@@ -144,10 +145,16 @@ _READ_AS = {
 
 
 def read_demands(context: Context, names: Collection[str]) -> Iterator[Demand]:
-    """Yield what expressions demand of some variables."""
+    """Yield what expressions, and literals that VALUES gives, demand of some variables."""
     for node, kind in context.compared:
         if node.value in names:
             datatypes = frozenset(XSD + name for name in _READ_AS[kind])
+            yield Demand(Edge(node, [], node, -1, -1), 0, None, False, datatypes)
+    for name in names:
+        given = context.columns.get(name)
+        if given and all(term.kind == "literal" for term in given):
+            node = Node("variable", name, -1, -1)
+            datatypes = frozenset(term.datatype for term in given)
             yield Demand(Edge(node, [], node, -1, -1), 0, None, False, datatypes)
 
 
@@ -196,9 +203,8 @@ class Demands:
         ends = [self._of_step(step, edge, context) for step in edge.steps]
         subject = Demand(edge, 0, *_either([first[0] for first in ends]))
         value = Demand(edge, 1, *_either([first[1] for first in ends]))
-        if edge.is_loose:  # of length zero it says nothing of literals, and always is of no use
-            for demand in (subject, value):
-                demand.datatypes = frozenset()
+        if edge.is_loose:  # it may be of length zero; one that can never begin is of no use
+            value.bits, value.is_thing, value.datatypes = None, None, frozenset()
         elif self._evidence is not None and len(edge.steps) == 1:
             for demand in (subject, value):
                 self._observe(demand, self._evidence)
@@ -234,6 +240,13 @@ class Demands:
     def _members(self, node: Node, context: Context) -> int | None:
         """Return the bits of the classes that a pattern with rdf:type names."""
         nodes = [node] if node.kind == "iri" else context.columns.get(node.value, [])
+        if not nodes and node.kind == "variable":  # ?thing a/rdfs:subClassOf* rt:Container
+            nodes = [
+                edge.object for edge in context.having(node.value)
+                if [step.node.value for step in edge.steps] == [_SUB_CLASS]
+                and not edge.steps[0].is_inverse
+                and edge.subject.value == node.value and edge.object.kind == "iri"
+            ][:1]  # fmt: skip
         bits = 0
         for first in nodes:
             below = self._vocabulary.below.get(first.value)

@@ -235,6 +235,8 @@ def _bridges(outline: Outline) -> Iterator[Finding]:
         for node, nodes in group.binds:
             join([node.value, *(branch.value for branch in nodes)])
         join([node.value for node, _ in group.values])
+        if group.defined:
+            join([*(node.value for node in group.defined), *_mentions(group)])
         # The branches of a UNION are alternatives, which nothing has to connect.
         branches = [child for child in group.children if child.role == "union"]
         join([f"union {id(group)}", *(name for branch in branches for name in _mentions(branch))])

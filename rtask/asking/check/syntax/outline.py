@@ -139,6 +139,8 @@ class Group:
         ``text``, ``moment``, ``quantity`` (a number or a moment) or ``literal``.
     graph
         Term after GRAPH, for a group of that kind.
+    defined
+        Variables that the sub-select in it defines, of what is inside.
     """
 
     role: Role
@@ -151,6 +153,7 @@ class Group:
     values: list[tuple[Node, list[Node]]] = field(default_factory=list)
     compared: list[tuple[Node, str]] = field(default_factory=list)
     graph: Node | None = None
+    defined: list[Node] = field(default_factory=list)
 
     def walk(self) -> Iterator[Group]:
         """Yield this group and all inside it."""

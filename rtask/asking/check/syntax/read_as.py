@@ -12,6 +12,7 @@ from rtask.sparql.tokens import Token
 __all__ = ["read_as"]
 
 _COMPARISONS = {"<", ">", "<=", ">=", "=", "!="}
+_ORDERS = {"<", ">", "<=", ">="}
 _STARTS = {"(", "&&", "||", "!", ","}  # behind an operator it is part of a larger expression
 _ENDS = {")", "&&", "||", ","}
 _ARITHMETIC = {"*": "number", "/": "number", "+": "quantity", "-": "quantity"}
@@ -34,6 +35,8 @@ def read_as(tokens: Sequence[Token], at: int) -> str:
         if before.text not in _STARTS:
             return _ARITHMETIC.get(before.text, "")
         return _compared(tokens, at + 2)
+    if before.text in _ORDERS and tokens[at - 2].kind == "variable" and after.text in _ENDS:
+        return "literal"
     for mark in (before, after):
         if mark.kind == "mark" and mark.text in _ARITHMETIC:
             return _ARITHMETIC[mark.text]
@@ -49,6 +52,8 @@ def _compared(tokens: Sequence[Token], at: int) -> str:
         return "number"
     if value.kind == "string":
         return "literal"
+    if value.kind == "variable" and tokens[at - 1].text not in ("=", "!="):
+        return "literal"  # things have no order
     return "moment" if value.is_word("NOW") else ""
 
 

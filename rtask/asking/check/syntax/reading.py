@@ -189,6 +189,7 @@ class _Reader(TermReader):
                     node.value += f" {self._fresh}"
         group.children.append(inner.body)
         self._inner.append(inner)
+        group.defined = inner.defined
         for node in inner.defined:
             group.binds.append((node, []))
         for node in inner.mentioned:
