@@ -17,19 +17,22 @@ Kind = Literal["table", "fig", "algorithm", "listing", "experiment", "capability
 State = Literal["compared", "shown", "done differently", "not applicable"]
 
 
-_MODULES = {
-    "beyond": "simulate.thesis.runs.beyond",
-    "features": "simulate.thesis.runs.features",
-    "model": "simulate.thesis.runs.model",
-    "poses": "simulate.thesis.runs.poses",
-    "push_figures": "simulate.thesis.runs.push_figures",
-    "push_nodes": "simulate.thesis.runs.push_nodes",
-    "push_pose": "simulate.thesis.runs.push_pose",
-    "push_tables": "simulate.thesis.runs.push_tables",
-    "recognition": "simulate.thesis.runs.recognition",
-    "robots": "simulate.thesis.runs.robots",
-    "sense": "simulate.thesis.runs.sense",
+_MATERIAL = {
+    "act_success": "simulated products",
+    "beyond": "",
+    "experience": "random worlds",
+    "features": "simulated tables",
+    "model": "simulated products",
+    "poses": "simulated products",
+    "push_figures": "stand-in outlines",
+    "push_nodes": "stand-in outlines",
+    "push_pose": "parts of our drawing",
+    "push_tables": "stand-in outlines",
+    "recognition": "simulated products",
+    "robots": "a simulated Nao",
+    "sense": "simulated tables",
 }
+"""Modules of runs, and what stands in there for what the thesis did not publish."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,8 @@ class Entry:
         :class:`~simulate.thesis.result.Setting`.
     why
         Reason of the last two states, or a remark.
+    material
+        What stands in for what the thesis did not publish, if not what its module uses.
     """
 
     thesis: Thesis
@@ -64,11 +69,17 @@ class Entry:
     state: State
     run: str = ""
     why: str = ""
+    material: str = ""
 
     def __post_init__(self) -> None:
         runs = self.state in ("compared", "shown")
         if runs != bool(self.run) or not (runs or self.why):
             raise ValueError(f"{self.name}: {self.state!r} needs a run or a reason")
+
+    @property
+    def stand_in(self) -> str:
+        """What every row of the run is measured on, in a few words; "" = nothing stands in."""
+        return self.material or _MATERIAL.get(self.run.partition(":")[0], "")
 
     @property
     def name(self) -> str:
@@ -98,6 +109,6 @@ class Entry:
             raise LookupError(f"{self.name} has no run: {self.why}")
         module, _, function = self.run.partition(":")
         work: Callable[[Setting], Result] = getattr(
-            importlib.import_module(_MODULES[module]), function
+            importlib.import_module(f"simulate.thesis.runs.{module}"), function
         )
         return work(setting)
