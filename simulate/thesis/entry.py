@@ -18,19 +18,17 @@ State = Literal["compared", "shown", "done differently", "not applicable"]
 
 
 _MATERIAL = {
-    "act_success": "simulated products",
-    "beyond": "",
-    "experience": "random worlds",
-    "features": "simulated tables",
-    "model": "simulated products",
-    "poses": "simulated products",
-    "push_figures": "stand-in outlines",
-    "push_nodes": "stand-in outlines",
-    "push_pose": "parts of our drawing",
-    "push_tables": "stand-in outlines",
-    "recognition": "simulated products",
-    "robots": "a simulated Nao",
-    "sense": "simulated tables",
+    "simulate.thesis.runs.beyond": "",
+    "simulate.thesis.runs.features": "simulated tables",
+    "simulate.thesis.runs.model": "simulated products",
+    "simulate.thesis.runs.poses": "simulated products",
+    "simulate.thesis.runs.push_figures": "stand-in outlines",
+    "simulate.thesis.runs.push_nodes": "stand-in outlines",
+    "simulate.thesis.runs.push_pose": "parts of our drawing",
+    "simulate.thesis.runs.push_tables": "stand-in outlines",
+    "simulate.thesis.runs.recognition": "simulated products",
+    "simulate.thesis.runs.robots": "a simulated Nao",
+    "simulate.thesis.runs.sense": "simulated tables",
 }
 """Modules of runs, and what stands in there for what the thesis did not publish."""
 
@@ -79,7 +77,7 @@ class Entry:
     @property
     def stand_in(self) -> str:
         """What every row of the run is measured on, in a few words; "" = nothing stands in."""
-        return self.material or _MATERIAL.get(self.run.partition(":")[0], "")
+        return self.material or _MATERIAL.get(self._module, "")
 
     @property
     def name(self) -> str:
@@ -107,8 +105,10 @@ class Entry:
         """
         if not self.run:
             raise LookupError(f"{self.name} has no run: {self.why}")
-        module, _, function = self.run.partition(":")
-        work: Callable[[Setting], Result] = getattr(
-            importlib.import_module(f"simulate.thesis.runs.{module}"), function
-        )
+        function = self.run.partition(":")[2]
+        work: Callable[[Setting], Result] = getattr(importlib.import_module(self._module), function)
         return work(setting)
+
+    @property
+    def _module(self) -> str:
+        return f"simulate.thesis.runs.{self.run.partition(':')[0]}"
