@@ -306,7 +306,7 @@ def _counting(
 def _count(run: Select, counts: Counting, rows: Solutions, is_cut: bool) -> int:
     """Return how many things there are; beyond the rows that are shown, the graph counts them."""
     if is_cut:
-        return int(run(counts.counted)[0].value("count"))
+        return int(str(run(counts.counted)[0].value("count")))
     return len({row[counts.variable.removeprefix("?")] for row in rows} - {None})
 
 

@@ -71,9 +71,7 @@ def is_numeric(question: Question, noun: str) -> bool:
     return concept(noun) in own and _AGGREGATE.search(question.sparql) is not None
 
 
-def counting(
-    question: Question, sparql: str, noun: str, variable: str = ""
-) -> Counting | None:
+def counting(question: Question, sparql: str, noun: str, variable: str = "") -> Counting | None:
     """Return how the things of a noun are counted in the answer of a question, or None.
 
     Parameters
@@ -95,9 +93,8 @@ def counting(
     start = sparql.index("SELECT")
     prefixes, body = sparql[:start], without_order(sparql[start:]).strip()
     inner = "\n".join(f"    {line}" for line in body.splitlines())
-    counted = (
-        f"{prefixes}SELECT (COUNT(DISTINCT {variable}) AS ?count)\nWHERE {{\n  {{\n{inner}\n  }}\n}}\n"
-    )
+    number = f"SELECT (COUNT(DISTINCT {variable}) AS ?count)"
+    counted = f"{prefixes}{number}\nWHERE {{\n  {{\n{inner}\n  }}\n}}\n"
     return Counting(variable, sparql, counted)
 
 

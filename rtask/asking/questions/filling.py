@@ -157,7 +157,7 @@ def _replaced(text: str, slot: Slot, by: str) -> str:
 
 
 def projected(text: str, variable: str) -> str:
-    """Add a variable to the outermost SELECT and GROUP BY, for all of whose values there are rows."""
+    """Add a variable to the outermost SELECT and GROUP BY, so that all its values have rows."""
     text = re.sub(r"^SELECT (DISTINCT )?", rf"SELECT \g<1>{variable} ", text, count=1, flags=re.M)
     end = text.rindex("}")
     head, tail = text[:end], text[end:]

@@ -103,9 +103,7 @@ def _nearest(asked: Asked, request: Ask, commit: int) -> Reply:
     said = asked.terms.text(answered.sentence, [_BY])
     if not answered.is_understood:
         near = [Question(key=item.key, text=item.question) for item in answered.nearest]
-        return Reply(
-            commit=commit, sentence=said, ignored=list(answered.ignored), questions=near
-        )
+        return Reply(commit=commit, sentence=said, ignored=list(answered.ignored), questions=near)
     solutions = select(answered.sparql) if answered.is_cut else answered.rows
     reply = _reply(asked, request, commit, answered.key, answered.sparql, solutions)
     added = {"ignored": list(answered.ignored), "sentence": said, "count": answered.count}

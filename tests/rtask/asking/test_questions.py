@@ -102,7 +102,9 @@ def test_a_question_that_counts_is_answered_with_a_number(
     text: str, key: str, count: int | None
 ) -> None:
     with rtask.open(":memory:", reason=False) as kb:
-        kb.update(_CALLED + "; DELETE DATA { <urn:o4> <https://w3id.org/rtask-kg/ns#success> true }")
+        kb.update(
+            _CALLED + "; DELETE DATA { <urn:o4> <https://w3id.org/rtask-kg/ns#success> true }"
+        )
         found = answer(kb, text)
     assert (found.key, found.count) == (key, count)
     assert found.to_dict()["count"] == count
@@ -110,8 +112,8 @@ def test_a_question_that_counts_is_answered_with_a_number(
 
 def test_more_things_than_rows_are_shown_are_counted_by_the_graph() -> None:
     with rtask.open(":memory:", reason=False) as kb:
-        kb.update("PREFIX rt: <https://w3id.org/rtask-kg/ns#> INSERT DATA { "
-                  + " ".join(f"<urn:{n}> a rt:Box ." for n in range(MAX_ROWS + 7)) + " }")  # fmt: skip
+        boxes = " ".join(f"<urn:{n}> a rt:Box ." for n in range(MAX_ROWS + 7))
+        kb.update(f"PREFIX rt: <https://w3id.org/rtask-kg/ns#> INSERT DATA {{ {boxes} }}")
         found = answer(kb, "how many boxes are there?")
     assert (found.count, len(found.rows)) == (MAX_ROWS + 7, MAX_ROWS)
     assert found.sentence.startswith(f"{MAX_ROWS + 7} known. Boxes: ")
@@ -131,7 +133,9 @@ def test_what_is_as_near_to_two_questions_is_not_answered_with_one_of_them(
     first, second = found.nearest[:2]
     assert first.likeness - second.likeness < CLEARLY
     assert not found.is_understood
-    assert found.sentence == f"That can mean: {first.question} Or: {second.question} Ask one of them."
+    assert (
+        found.sentence == f"That can mean: {first.question} Or: {second.question} Ask one of them."
+    )
     assert answer(kb, second.question).key == second.key
 
 
