@@ -93,10 +93,10 @@ def _may_be(demand: Demand, kind: str) -> bool:
     """Return whether what stands at an end may be what an expression reads it as."""
     if demand.is_thing:
         return False
-    wanted = _READ_AS.get(kind)
+    needed = _READ_AS.get(kind)
     families = {family(datatype) for datatype in demand.datatypes}
-    if wanted is None or not families or "" in families:
+    if needed is None or not families or "" in families:
         return True
     named = {"moment" if name.startswith(("date", "time")) else name for name in families}
     named = {"duration" if name.endswith("Duration") else name for name in named}
-    return bool(named & wanted)
+    return bool(named & needed)

@@ -23,7 +23,7 @@ __all__ = ["Evidence"]
 MAX_ROWS, MIN_ROWS = 24, 12
 MIN_KINDS = 2
 MAX_ENDS = 30
-_KNOWN = 20_000
+_MOST = 20_000
 
 
 class _First:
@@ -77,7 +77,7 @@ class Evidence:
         """Forget what an earlier state answered."""
         if (
             self._seq != self._kb.seq
-            or len(self._answers) + len(self.sound) + len(self._kinds_of) > _KNOWN
+            or len(self._answers) + len(self.sound) + len(self._kinds_of) > _MOST
         ):
             self._seq = self._kb.seq
             self._answers, self._of_edges, self._of_steps = {}, {}, {}
@@ -216,11 +216,11 @@ class Evidence:
         if mine.is_all and others.is_all:
             return False
         if mine.is_all or not others.is_all:
-            found = self._has_any(mine.ends(at), other, other_at)
-            if found or mine.is_all:
-                return found
-        found = self._has_any(others.ends(other_at), edge, at)
-        return found if found or others.is_all else None
+            has_any = self._has_any(mine.ends(at), other, other_at)
+            if has_any or mine.is_all:
+                return has_any
+        has_any = self._has_any(others.ends(other_at), edge, at)
+        return has_any if has_any or others.is_all else None
 
     def _has_any(self, terms: frozenset[Term], edge: Edge, at: int) -> bool:
         """Return whether a pattern matches with one of some terms at an end."""
@@ -231,29 +231,29 @@ class Evidence:
         )
 
     def _first(self, edge: Edge) -> _First:
-        """Return the first matches of a pattern; those of each property are kept."""
-        kept = self._of_edges.get(edge.signature)
-        if kept is None:
+        """Return the first matches of a pattern; those of each property are first."""
+        first = self._of_edges.get(edge.signature)
+        if first is None:
             parts = [self._of_step(edge, step) for step in edge.steps]
             if len(parts) == 1:
-                kept = parts[0]
+                first = parts[0]
             else:
-                kept = _First(
+                first = _First(
                     [pair for part in parts for pair in part.pairs],
                     all(part.is_all for part in parts),
                 )
-            self._of_edges[edge.signature] = kept
-        return kept
+            self._of_edges[edge.signature] = first
+        return first
 
     def _of_step(self, edge: Edge, step: Step) -> _First:
         s, o = edge.ends[::-1] if step.is_inverse else edge.ends
         key = (_sign(s), step.node.value, _sign(o))
-        kept = self._of_steps.get(key)
-        if kept is None:
+        first = self._of_steps.get(key)
+        if first is None:
             rows = self._rows(Edge(s, [Step(step.node)], o, 0, 0))
             pairs = list(islice(rows, MAX_ROWS + 1))
-            kept = self._of_steps[key] = _First(pairs[:MAX_ROWS], len(pairs) <= MAX_ROWS)
-        return kept.turned if step.is_inverse else kept
+            first = self._of_steps[key] = _First(pairs[:MAX_ROWS], len(pairs) <= MAX_ROWS)
+        return first.turned if step.is_inverse else first
 
     def _rows(
         self, edge: Edge, at: int | None = None, term: Term | None = None

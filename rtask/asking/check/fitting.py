@@ -89,7 +89,7 @@ class Fitting:
         self.demands = Demands(vocabulary, evidence)
         self.contexts = list(contexts(outline.body))
         self._at: dict[int, Context] = {}
-        self._said: set[tuple[str, ...]] | None = None
+        self._statements: set[tuple[str, ...]] | None = None
         for context in self.contexts:
             for edge in context.own:
                 self._at.setdefault(id(edge), context)
@@ -105,9 +105,9 @@ class Fitting:
 
     def has(self, edge: Edge) -> bool:
         """Return whether the query has a pattern somewhere, whatever way it is written."""
-        if self._said is None:
-            self._said = {_said(own) for context in self.contexts for own in context.own}
-        return _said(edge) in self._said
+        if self._statements is None:
+            self._statements = {_statement(own) for context in self.contexts for own in context.own}
+        return _statement(edge) in self._statements
 
     def conflicts_of(self, edge: Edge, context: Context) -> list[Conflict]:
         """Return the conflicts of one pattern, perhaps a changed one, with the others."""
@@ -256,7 +256,7 @@ def reversed_edge(edge: Edge) -> Edge:
     return _changed(edge, edge.subject, steps, edge.object)
 
 
-def _said(edge: Edge) -> tuple[str, ...]:
+def _statement(edge: Edge) -> tuple[str, ...]:
     """Return what a pattern with one property says, from subject to value."""
     if len(edge.steps) != 1:
         return (str(edge.start),)

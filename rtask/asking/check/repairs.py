@@ -47,8 +47,8 @@ class Repairs:
             return self._other_classes(edge, context)
         repairs += self.other_properties(edge, context)
         if not self._fitting.misfits(reversed_edge(edge), context):
-            known = self._vocabulary.properties.get(step.node.value)
-            is_first = step.is_inverse or known is None or known.relates_things is not False
+            axioms = self._vocabulary.properties.get(step.node.value)
+            is_first = step.is_inverse or axioms is None or axioms.relates_things is not False
             repairs.insert(0 if is_first else 1, self.turned(edge))  # few start from a literal
         return repairs[:_OFFERED]
 
@@ -78,8 +78,8 @@ class Repairs:
                 continue
             rating = 0.3 * likeness(self._vocabulary.lowered[iri], name) + 0.2 * iri.startswith(_NS)
             rating += 0.9 * usual.get(iri, 0.0)
-            for weight, known in named:
-                rating += weight * known.get(iri, 0.0)
+            for weight, fit in named:
+                rating += weight * fit.get(iri, 0.0)
             if kinds and kinds & (self._vocabulary.properties[iri].range or 0):
                 rating += _NAMED_SO
             fitting.append((-rating, iri))

@@ -99,15 +99,15 @@ def properties_named(variable: str, vocabulary: Vocabulary) -> list[str]:
 
 def affinities(variable: str, vocabulary: Vocabulary) -> Mapping[str, float]:
     """Return how well the name of a variable fits each property, where it does at all."""
-    known = _affinities(vocabulary)
-    if variable not in known:
-        if len(known) > _VARIABLES:
-            known.clear()
-        known[variable] = {
+    by_variable = _affinities(vocabulary)
+    if variable not in by_variable:
+        if len(by_variable) > _VARIABLES:
+            by_variable.clear()
+        by_variable[variable] = {
             iri: affinity(variable, iri, vocabulary)
             for iri in properties_named(variable, vocabulary)
         }
-    return known[variable]
+    return by_variable[variable]
 
 
 @lru_cache(maxsize=4)

@@ -112,8 +112,8 @@ class Edge:
     @property
     def variables(self) -> list[Node]:
         """Variables at its ends, and the one for its predicate."""
-        found = [end for end in self.ends if end.kind == "variable"]
-        return found if self.predicate is None else [*found, self.predicate]
+        ends = [end for end in self.ends if end.kind == "variable"]
+        return ends if self.predicate is None else [*ends, self.predicate]
 
 
 @dataclass(slots=True)
