@@ -199,7 +199,9 @@ def _robot_figures(
             "held": sum(m["tries_to_success"] == 1 for m in first),
         },
         "lessons": {
-            "won": lessons.won, "recalled": lessons.recalled, "followed": lessons.followed,
+            "won": lessons.won,
+            "recalled": lessons.recalled,
+            "followed": lessons.followed,
         },
     }
 
