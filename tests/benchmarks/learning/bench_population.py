@@ -1,6 +1,6 @@
 """What it costs to learn from all objects what hides in the next one.
 
-    python -m tests.benchmarks.kb.bench_population [--attempts 1000 5000 20000] [--each 5]
+    python -m tests.benchmarks.learning.bench_population [--attempts 1000 5000 20000] [--each 5]
 
 A store in memory holds the attempts, as many at each object. Three times are of the processor: to
 read the population again, which happens once more than a fiftieth of the outcomes have changed;
