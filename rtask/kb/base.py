@@ -70,7 +70,7 @@ class GraphBase:
             files.store,
             lambda: writer.committer.last_seq,
             files.read_from,
-            frozen=files.checkpoints is None and not isinstance(files.held, PrivateCopy),
+            frozen=files.is_frozen,
         )
         files.store.followers.append(self.readers.stored)
         journal = None if isinstance(files.journal, NoJournal) else files.journal

@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from rtask.errors import RemoteError, RtaskError
+from rtask.kb.branches.branching import Branching
 from rtask.kb.commit import validation
 from rtask.kb.commit.validation import ValidationReport
 from rtask.kb.durability.journal import JournalFile, Record
@@ -35,7 +36,7 @@ __all__ = ["GraphCore"]
 _log = logging.getLogger(__name__)
 
 
-class GraphCore(Reading, Watching, Reasoning, Retraction, Reverting, Proposing):
+class GraphCore(Reading, Watching, Reasoning, Retraction, Reverting, Proposing, Branching):
     """A graph in one process: reads, watches, commits, reasons, retracts and checks itself.
 
     The loader, the object layer and the bridges to other libraries work on this class;
@@ -188,6 +189,7 @@ class GraphCore(Reading, Watching, Reasoning, Retraction, Reverting, Proposing):
         """Finish the current write, force everything to disk and release the folder."""
         if not self.store.is_open:
             return
+        self.close_branches()
         self.expiry.close()
         if self._follower is not None:
             self._follower.close()
