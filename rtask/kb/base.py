@@ -105,6 +105,15 @@ class GraphBase:
         return self.proposals.add(overlay.added, overlay.removed, author, seq, reason).number
 
     @property
+    def writer(self) -> Writer:
+        """What serialises the commits."""
+        return self._writer
+
+    def close(self) -> None:
+        """Release what is open; :class:`rtask.kb.core.GraphCore` does it."""
+        raise NotImplementedError
+
+    @property
     def base(self) -> str:
         """IRI that starts every instance and graph."""
         return self.settings.base

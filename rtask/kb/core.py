@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from rtask.errors import RemoteError, RtaskError
+from rtask.errors import RemoteError, RtaskError, UnsupportedError
 from rtask.kb.branches.branching import Branching
 from rtask.kb.commit import validation
 from rtask.kb.commit.validation import ValidationReport
@@ -47,10 +47,12 @@ class GraphCore(Reading, Watching, Reasoning, Retraction, Reverting, Proposing, 
     def needs_exact_changes(self) -> bool:
         """Whether every statement of a load must pass through a commit, however large the load is.
 
-        So it is while shapes are checked, contradictory statements go to quarantine, or somebody
-        subscribes; otherwise large documents are streamed into the store.
+        So it is in a branch, while shapes are checked, contradictory statements go to quarantine,
+        or somebody subscribes; otherwise large documents are streamed into the store.
         """
         committer = self._writer.committer
+        if self._files.is_branch:
+            return True
         if committer.validator is not None or committer.quarantines:
             return True
         return self.feed.has_subscribers or self.live_queries.has_subscribers
@@ -146,7 +148,10 @@ class GraphCore(Reading, Watching, Reasoning, Retraction, Reverting, Proposing, 
 
     def collect_blobs(self, older_than_s: float = 86_400.0) -> int:
         """Delete the blobs that no statement names; return how many."""
-        return verification.collect_blobs(self, self._writer, older_than_s)
+        if self._files.is_branch:
+            raise UnsupportedError("a branch has the blobs of its trunk; collect them there")
+        besides = self.blobs_of_branches()
+        return verification.collect_blobs(self, self._writer, older_than_s, besides)
 
     def backup(self, target: Path | str, *, blobs: bool = True) -> dict[str, Any]:
         """Copy to a new folder; see :func:`rtask.kb.maintenance.backup.backup`."""

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
-from pyoxigraph import NamedNode
+from pyoxigraph import NamedNode, Quad
 
 from rtask.errors import ConflictError, RtaskError
 from rtask.kb.branches.comparison import Comparison, Conflict, conflicts_of, refusal_of
 from rtask.kb.branches.record import BranchRecord
+from rtask.kb.branches.register import BranchRegister
 from rtask.kb.branches.touched import MAX_TOUCHED, Touched
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.proposals.trial import Trial, try_change
 from rtask.kb.store.naming import Names
+from rtask.kb.writing import Writing
 from rtask.rdf.terms import GraphName
-
-if TYPE_CHECKING:
-    from rtask.kb.branches.branching import Branching
 
 __all__ = ["Branch"]
 
-G = TypeVar("G", bound="Branching")
+G = TypeVar("G", bound=Writing)
 
 
 class Branch(Generic[G]):
@@ -54,11 +53,17 @@ class Branch(Generic[G]):
     """
 
     def __init__(
-        self, trunk: G, graph: G, record: BranchRecord, own: Touched, others: Touched, temporary: bool
+        self,
+        trunk: G,
+        graph: G,
+        record: BranchRecord,
+        touched: tuple[Touched, Touched],
+        register: BranchRegister,
+        temporary: bool,
     ) -> None:
         self._trunk = trunk
-        self._own = own
-        self._others = others
+        self._own, self._others = touched
+        self._register = register
         self._is_temporary = temporary
         self.graph = graph
         self.record = record
@@ -150,8 +155,15 @@ class Branch(Generic[G]):
                     )
                 tx.remove_quads(self._own.net.removed, as_read=True)
                 tx.add_quads(self._own.net.added)
-        self._trunk.remove_branch(self.name)
+        self._register.remove(self.name)
         return tx.commit
+
+    def touched_quads(self) -> list[Quad]:
+        """Return the statements of the branch that the trunk may not hold."""
+        with self.graph.writer.exclusive(), self._trunk.writer.exclusive():
+            self._own.catch_up()
+            self._others.catch_up()
+            return [*self._own.net.added, *self._others.net.removed]
 
     def _note(self) -> str:
         author = f" of {self.record.author}" if self.record.author else ""
@@ -166,11 +178,12 @@ class Branch(Generic[G]):
         ForbiddenError
             Somebody else made it, and the caller is no admin.
         """
-        self._trunk.drop_branch(self.name, agent=agent, access=access)
+        self.record.require_may_drop(self._trunk.access(agent, access))
+        self._register.remove(self.name)
 
     def close(self) -> None:
         """Close the branch, which stays until it is merged, dropped, or expires."""
-        self._trunk.close_branch(self.name)
+        self._register.close(self.name)
 
     def _conflicts(self) -> list[Conflict]:
         self._own.catch_up()
@@ -183,10 +196,11 @@ class Branch(Generic[G]):
 
     def _kinds(self) -> dict[GraphName, str]:
         """Return the class of the graphs of the branch that are ontologies."""
+        self._own.catch_up()
         graphs = {quad.graph_name for quad in self._own.net.added}
         is_ontology = self.graph.catalogue.is_ontology
-        found = (g for g in graphs if isinstance(g, NamedNode) and is_ontology(g))
-        return dict.fromkeys(found, "OntologyGraph")
+        ontologies = (g for g in graphs if isinstance(g, NamedNode) and is_ontology(g))
+        return dict.fromkeys(ontologies, "OntologyGraph")
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-able values: the record, and the number of its last commit."""
@@ -202,7 +216,7 @@ class Branch(Generic[G]):
         trace: TracebackType | None,
     ) -> None:
         if self._is_temporary:
-            self._trunk.remove_branch(self.name)
+            self._register.remove(self.name)
         else:
             self.close()
 

@@ -15,12 +15,14 @@ from rtask.kb.branches.touched import Touched
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.catalogue import Catalogue
 from rtask.kb.commit.writer import Writer
+from rtask.kb.durability.blobs import digest_of
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.journal import JournalFile
+from rtask.kb.feed.as_of import commit_at
 from rtask.kb.readers.request import ReaderLimits
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.writing import Writing
-from rtask.rdf.terms import LONG_AGO
+from rtask.rdf.terms import LONG_AGO, NamedNode, moment
 
 __all__ = ["Branching"]
 
@@ -38,11 +40,6 @@ class Branching(Writing):
     @cached_property
     def _open_branches(self) -> dict[str, Branch[Self]]:
         return {}
-
-    @property
-    def writer(self) -> Writer:
-        """What serialises the commits."""
-        return self._writer
 
     def branch(
         self,
@@ -89,7 +86,13 @@ class Branching(Writing):
         if rights.role == "reader":
             raise ForbiddenError("a branch is written, and the caller may only read")
         author = rights.agent or ""
-        seq = None if at is None else at if isinstance(at, int) else self.commit_at(at)
+        seq = (
+            None
+            if at is None
+            else at
+            if isinstance(at, int)
+            else commit_at(self._files, moment(at))
+        )
         register = self.branch_register
         if seq is None or seq == self.seq:
             register.records()  # raises first where no branch is possible
@@ -129,18 +132,9 @@ class Branching(Writing):
             Somebody else made it, and the caller is no admin.
         """
         record = self.branch_register.get(name)
-        rights = self.access(agent, access)
-        if rights.role != "admin" and (rights.agent or "") != record.author:
-            raise ForbiddenError(
-                f"branch {name} is of {record.author or 'a caller without a name'}; its author or "
-                "an admin drops it"
-            )
-        self.remove_branch(name)
-        return record
-
-    def remove_branch(self, name: str) -> None:
-        """Delete a branch, whoever made it."""
+        record.require_may_drop(self.access(agent, access))
         self.branch_register.remove(name)
+        return record
 
     def close_branch(self, name: str) -> None:
         """Close a branch if it is open."""
@@ -153,9 +147,19 @@ class Branching(Writing):
         for name in list(self._open_branches):
             self.close_branch(name)
 
-    def close(self) -> None:
-        """Release the folder; see :meth:`GraphCore.close`."""
-        raise NotImplementedError
+    def blobs_of_branches(self) -> set[str]:
+        """Return the digests of the blobs that only branches name, or a state that they rest on."""
+        folder = self._files.folder
+        if folder is None or not (folder / "branches").is_dir():
+            return set()
+        quads = [
+            quad
+            for record in self.branches()
+            for quad in self.open_branch(record.name).touched_quads()
+        ]
+        terms = (term for quad in quads for term in (quad.subject, quad.object))
+        digests = (digest_of(term) for term in terms if isinstance(term, NamedNode))
+        return {digest for digest in digests if digest is not None}
 
     def _opened(self, record: BranchRecord, temporary: bool) -> Branch[Self]:
         with self.branch_register.lock:
@@ -198,4 +202,4 @@ class Branching(Writing):
             inference.follow(lambda: committer.last_seq)
         graph = type(self)(files, catalogue, inference, Writer(committer))
         graph.readers.limits = _READERS
-        return Branch(self, graph, record, own, others, temporary)
+        return Branch(self, graph, record, (own, others), self.branch_register, temporary)

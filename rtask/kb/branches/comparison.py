@@ -121,16 +121,16 @@ def conflicts_of(
     own, others
         What the branch, and the trunk since, have changed.
     """
-    found: list[Conflict] = []
+    conflicts: list[Conflict] = []
     for conflict in (
         *_values(trunk, own, others, names),
         *_places(trunk, own, others, names),
         *_withdrawn(trunk, own, others, names),
     ):
-        found.append(conflict)
-        if len(found) == MAX_CONFLICTS:
+        conflicts.append(conflict)
+        if len(conflicts) == MAX_CONFLICTS:
             break
-    return found
+    return conflicts
 
 
 def _values(
@@ -174,9 +174,10 @@ def _places(
     ended = {quad.subject for quad in own.added if quad.predicate == _END}
     theirs: dict[Term, list[Quad]] = {}
     for quad in others.added:
-        if quad.predicate == _PLACEMENT_OF and quad.subject not in ended:
-            if next(iter(trunk.quads_for_pattern(quad.subject, _END, None, None)), None) is None:
-                theirs.setdefault(quad.object, []).append(quad)
+        if quad.predicate != _PLACEMENT_OF or quad.subject in ended:
+            continue
+        if next(iter(trunk.quads_for_pattern(quad.subject, _END, None, None)), None) is None:
+            theirs.setdefault(quad.object, []).append(quad)
     for quad in own.added:
         if quad.predicate != _PLACEMENT_OF or quad.subject in ended:
             continue

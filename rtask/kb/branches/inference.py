@@ -46,12 +46,12 @@ class _BranchStaged:
     inferred_added: Collection[TripleKey] = ()
     inferred_removed: Collection[TripleKey] = ()
     contradictions: list[Any] = field(default_factory=list)
-    found: list[Any] = field(default_factory=list)
+    clash_causes: list[Any] = field(default_factory=list)
     remaining_inferred: Collection[TripleKey] | None = None
 
     def causes(self, budget_ms: float) -> list[Any]:
         """Return the causes, which were looked for while the trunk stood still."""
-        return self.found
+        return self.clash_causes
 
     def apply(self) -> None:
         """Forget a closure that was built to explain the state before."""
@@ -134,7 +134,8 @@ class BranchInference(Inference):
         Only what either has touched since the base can differ.
         """
         added, removed = [], []
-        for triple in {**self._others.asserted, **self._own.asserted, **gained, **dict.fromkeys(lost)}:
+        touched = self._others.asserted, self._own.asserted, gained, dict.fromkeys(lost)
+        for triple in {triple: None for part in touched for triple in part}:
             here = triple in gained or (triple not in lost and self._holds(triple))
             there = self._holds_in_trunk(triple)
             if here and not there:
@@ -151,9 +152,12 @@ class BranchInference(Inference):
         """Return the change of the branch's inferred graph, from that of the trunk's."""
         if staged.contradictions:
             causes = staged.causes(budget_ms=CAUSE_BUDGET_MS)
-            return _BranchStaged(self, contradictions=list(staged.contradictions), found=causes)
+            return _BranchStaged(
+                self, contradictions=list(staged.contradictions), clash_causes=causes
+            )
         gained, lost = set(staged.inferred_added), set(staged.inferred_removed)
-        result = _BranchStaged(self, added := [], removed := [])
+        added: list[TripleKey] = []
+        removed: list[TripleKey] = []
         for triple in self._candidates(gained, lost):
             quad = Quad(*triple, self._graphs.inferred)
             is_derived = triple in gained or (
@@ -161,7 +165,7 @@ class BranchInference(Inference):
             )
             if is_derived != (quad in self._store):
                 (added if is_derived else removed).append(triple)
-        return result
+        return _BranchStaged(self, added, removed)
 
     def _candidates(self, *more: Collection[TripleKey]) -> Iterator[TripleKey]:
         """Yield each triple once that the branch may derive and did not, or the reverse."""

@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rtask.errors import StoreFormatError, UsageError
+from rtask.errors import ForbiddenError, StoreFormatError, UsageError
+from rtask.kb.commit.access import Access
 from rtask.kb.durability.settings import write_durably
 
 __all__ = ["FILE_NAME", "LIFETIME", "MAX_OPEN", "BranchRecord", "require_name"]
@@ -56,6 +57,20 @@ class BranchRecord:
         """Return JSON-able values; times are in ISO 8601."""
         fields = asdict(self)
         return fields | {"made": self.made.isoformat(), "expires": self.expires.isoformat()}
+
+    def require_may_drop(self, rights: Access) -> None:
+        """Refuse to drop the branch for others than its author and admins.
+
+        Raises
+        ------
+        ForbiddenError
+            The caller is another.
+        """
+        if rights.role != "admin" and (rights.agent or "") != self.author:
+            raise ForbiddenError(
+                f"branch {self.name} is of {self.author or 'a caller without a name'}; its author "
+                "or an admin drops it"
+            )
 
     @classmethod
     def load(cls, folder: Path) -> BranchRecord:

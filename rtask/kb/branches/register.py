@@ -31,11 +31,11 @@ class BranchRegister:
     ----------
     files, graphs
         The trunk.
-    close
-        Closes a branch, by name, before its folder is removed.
 
     Attributes
     ----------
+    close
+        Closes a branch, by name, if it is open.
     clock
         Returns the time, UTC.
     lock
@@ -45,27 +45,27 @@ class BranchRegister:
     def __init__(self, files: Files, graphs: Graphs, close: Callable[[str], None]) -> None:
         self._files = files
         self._graphs = graphs
-        self._close = close
+        self.close = close
         self.clock: Callable[[], dt.datetime] = _now
         self.lock = threading.RLock()
 
     def records(self) -> list[BranchRecord]:
         """Return the branches, the oldest first, and remove those that have expired."""
         home = home_of(self._files)
-        found = []
+        records = []
         with self.lock:
             for folder in home.iterdir() if home.is_dir() else ():
                 if folder.suffix == ".draft":
                     continue
                 with contextlib.suppress(StoreFormatError):
-                    found.append(BranchRecord.load(folder))
+                    records.append(BranchRecord.load(folder))
             now, trunk = self.clock(), self._files.settings.epoch
-            for record in found:
+            for record in records:
                 if record.expires <= now or record.trunk != trunk:
                     _log.info("branch %s has expired", record.name)
                     self.remove(record.name)
-            kept = [r for r in found if r.expires > now and r.trunk == trunk]
-        return sorted(kept, key=lambda record: (record.made, record.name))
+            valid = [r for r in records if r.expires > now and r.trunk == trunk]
+        return sorted(valid, key=lambda record: (record.made, record.name))
 
     def get(self, name: str) -> BranchRecord:
         """Return the record of a branch.
@@ -131,5 +131,5 @@ class BranchRegister:
     def remove(self, name: str) -> None:
         """Close a branch and delete its folder."""
         with self.lock:
-            self._close(name)
+            self.close(name)
             remove_branch(self._files, name)
