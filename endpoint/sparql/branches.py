@@ -65,7 +65,8 @@ class BranchStates:
     def _of(self, name: str, graph: KnowledgeBase) -> Answers:
         """Return what answers from a branch, and forget those that are closed."""
         with self._lock:
-            current = {other: held for other, held in self._answers.items() if held[0].store.is_open}
+            held = self._answers.items()
+            current = {other: pair for other, pair in held if pair[0].store.is_open}
             there = current.get(name)
             if there is None or there[0] is not graph:
                 there = current[name] = (graph, Answers(graph, self._config))
