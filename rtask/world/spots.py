@@ -108,7 +108,6 @@ class Spots:
                 return found
             found.append(placement.place)
             node = placement.place
-        return found
 
     def extent(self, thing: str) -> float | None:
         """Return the larger horizontal extent of a thing's product, m, or None."""
