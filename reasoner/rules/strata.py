@@ -107,8 +107,8 @@ class AbsenceTrigger:
         place = next(i for i, step in enumerate(steps) if step is head)
         return steps[: place + 1], steps[place + 1 :]
 
-    def held(self, base: View, view: View, terms: Dictionary, fact: Fact) -> Iterator[Fact]:
-        """Yield conclusions in `base` that a fact may speak against."""
+    def held(self, view: View, terms: Dictionary, fact: Fact) -> Iterator[Fact]:
+        """Yield conclusions that hold and that a fact may speak against."""
         env = self.rule.environment()
         if self.rule.head is None or not bind(self.atom, fact, terms, env):
             return
@@ -116,7 +116,7 @@ class AbsenceTrigger:
         seen = set()
         for bindings in solve(view, terms, before, env):
             conclusion = self.rule.conclude(bindings)
-            if conclusion in seen or not base.has(*conclusion):
+            if conclusion in seen:
                 continue
             if next(solve(view, terms, after, list(bindings)), None) is not None:
                 seen.add(conclusion)
