@@ -27,7 +27,7 @@ from endpoint.api.tools import effect_of_tool, plan_tools, tools_named
 from endpoint.context import ServerContext
 from endpoint.follow.asked_records import plan_asked_records
 from endpoint.follow.replication import snapshot
-from endpoint.http.agent_calls import AgentCalls
+from endpoint.http.agent_calls import AgentCalls, program_of
 from endpoint.http.idempotency import IdempotencyKeys
 from endpoint.http.messages import RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
@@ -242,8 +242,9 @@ class Router:
         if route.source != "declared":
             yield route.source
         elif route.handler in ("agents", "tools"):
+            program = program_of(caller.key, request)
             for message in messages_in(request):
-                if any(not self._calls.has(caller.key, call) for call in cancelled(message)):
+                if any(not self._calls.has(program, call) for call in cancelled(message)):
                     yield "writer"  # the call is under way there
                 name = tool_called(message)
                 if name is not None:
