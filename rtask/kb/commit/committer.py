@@ -349,6 +349,7 @@ class Committer:
             looked_up = QuadChain(*(part for part in parts if not isinstance(part, InGraph)))
             copied = [part.triples for part in whole if Graphs.is_joined(part.graph)]
             copies: list[Collection[Quad]] = [InGraph(triples, DEFAULT) for triples in copied]
+            # A new knowledge base, into which the ontology goes, has nothing to look up.
             if not writes.removed and len(looked_up) > MAX_LATE and is_empty(self.store):
                 copies.append(Copies(looked_up))
                 looked_up = QuadChain()
