@@ -11,14 +11,17 @@ from click.testing import CliRunner
 
 import rtask
 from rtask.cli import cli
+from rtask.errors import ConflictError, RtaskError, UnknownTermError, UsageError
 
 pytestmark = pytest.mark.slow
 
 
 def run(folder: Path, *words: str, code: int = 0) -> Any:
     done = CliRunner().invoke(cli, [*words, "-d", str(folder), "--json"])
+    if isinstance(done.exception, RtaskError):
+        raise done.exception
     assert done.exit_code == code, (done.output, done.exception)
-    return json.loads(done.stdout) if code in (0, 1) else done.output
+    return json.loads(done.stdout)
 
 
 @pytest.fixture
@@ -52,13 +55,15 @@ def test_what_stands_against_merging_is_shown_and_the_branch_dropped(folder: Pat
     run(folder, "update", "DELETE DATA { GRAPH <urn:lab/graph/shared> { <urn:a> a <urn:Cup> } }")
     [conflict] = run(folder, "branch", "compare", "late", code=1)["conflicts"]
     assert conflict["kind"] == "withdrawn"
-    run(folder, "branch", "merge", "late", code=3)
+    with pytest.raises(ConflictError, match="urn:a"):
+        run(folder, "branch", "merge", "late")
     assert run(folder, "branch", "drop", "late")["name"] == "late"
-    run(folder, "branch", "drop", "late", code=3)
+    with pytest.raises(UnknownTermError, match="late"):
+        run(folder, "branch", "drop", "late")
 
 
 def test_a_branch_of_a_server_is_asked_at_its_own_address(folder: Path) -> None:
     asked = ["query", "ASK {}", "--branch", "tue", "--server", "http://localhost:9"]
     done = CliRunner().invoke(cli, asked)
-    assert done.exit_code == 2
-    assert "/sparql?branch=tue" in done.output
+    assert isinstance(done.exception, UsageError)
+    assert "/sparql?branch=tue" in str(done.exception)
