@@ -11,8 +11,8 @@ import click
 from rtask.cli.connection import open_to_change
 from rtask.cli.options import (
     agent_option,
-    announce_final,
     announce_undo,
+    confirm_final,
     data_option,
     exit_if_empty,
     json_option,
@@ -20,6 +20,7 @@ from rtask.cli.options import (
     print_json,
     shown_parts,
     shown_rows,
+    yes_option,
 )
 
 if TYPE_CHECKING:
@@ -118,16 +119,18 @@ def merge(name: str, data: Path, note: str | None, as_json: bool) -> None:
 @branch.command()
 @click.argument("name")
 @data_option
+@yes_option
 @json_option
-def drop(name: str, data: Path, as_json: bool) -> None:
+def drop(name: str, data: Path, yes: bool, as_json: bool) -> None:
     """Delete branch NAME with all that was written in it."""
     with open_to_change(data) as kb:
+        kb.open_branch(name)
+        confirm_final("what was written in it is gone; the graph itself stays as it is", yes)
         record = kb.drop_branch(name)
     if as_json:
         print_json(record.to_dict())
         return
     click.echo(f"dropped branch {name}")
-    announce_final("what was written in it is gone; the graph itself is as it was")
 
 
 def _line(record: BranchRecord) -> str:
