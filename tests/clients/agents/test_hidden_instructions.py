@@ -2,58 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import httpx
 import pytest
 
+from tests.clients.agents.calling import by_http, by_stdio, tool_caller
 from tests.clients.agents.odd_places import COUNT, ObeyingReader, orders, stored_by
 from tests.clients.conftest import MakeToken, robot
-from tests.servers import RTASK, RunningServer
+from tests.servers import RunningServer
 
 pytestmark = pytest.mark.slow
-
-Call = Callable[[str, dict[str, Any]], dict[str, Any]]
-
-
-@contextmanager
-def by_http(client: httpx.Client, _token: str) -> Iterator[Call]:
-    def call(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
-        params = {"name": name, "arguments": arguments}
-        message = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": params}
-        answer: dict[str, Any] = client.post("/mcp", json=message).json()
-        return answer
-
-    yield call
-
-
-@contextmanager
-def by_stdio(client: httpx.Client, token: str) -> Iterator[Call]:
-    command = [*RTASK, "mcp", "--server", str(client.base_url).rstrip("/")]
-    environment = {**os.environ, "RTASK_TOKEN": token}
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
-    ) as running:
-        assert running.stdin is not None
-        assert running.stdout is not None
-        sent, received = running.stdin, running.stdout
-
-        def call(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
-            params = {"name": name, "arguments": arguments}
-            message = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": params}
-            sent.write(json.dumps(message).encode() + b"\n")
-            sent.flush()
-            answer: dict[str, Any] = json.loads(received.readline())
-            return answer
-
-        yield call
-        sent.close()
-        assert running.wait(60) == 0
 
 
 def of_others(admin: httpx.Client, base: str) -> set[str]:
@@ -91,7 +50,7 @@ def test_instructions_in_odd_places_change_nothing_of_others(
             )
 
         with way(nao_1, tokens[0]) as call:
-            reader = ObeyingReader(call, send, orders(f"{base}graph/agent/nao-2"))
+            reader = ObeyingReader(tool_caller(call), send, orders(f"{base}graph/agent/nao-2"))
             reader.read_and_obey()
         assert reader.obeyed == set(range(COUNT))
         assert not reader.misplaced
