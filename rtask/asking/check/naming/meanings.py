@@ -22,7 +22,6 @@ __all__ = [
 ]  # fmt: skip
 
 _OWN = (ontology.NS, ontology.PREFIXES["cora"])
-_PHYSICAL = ontology.PREFIXES["sumo"] + "Physical"
 _PERSONS = {"who", "whom", "whose"}
 _MOMENTS = {"when", "since", "until", "start", "begin", "end", "time"}
 _ADJECTIVES = ("ed", "ing", "able", "ent", "al")
