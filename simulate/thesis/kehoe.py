@@ -108,5 +108,7 @@ ENTRIES = (
     _ours("fig", "5.5", "5.8", "web application for grasping", why="page /tools/grasp"),
     _ours("listing", "kinematics", "5.7", "a service in code",
           why="tests/rtask/services/listing runs it, but for its lines of OpenRAVE"),
+    _shown("experiment", "asking", "6.2", "cost of asking against cost of failure",
+           run="people:asking"),
     _shown("experiment", "belief", "6.2", "tolerance against cost", run="push_tables:belief"),
 )  # fmt: skip
