@@ -24,7 +24,6 @@ _MATERIAL = {
     "simulate.thesis.runs.features": "simulated tables",
     "simulate.thesis.runs.learners": "a world of two rooms",
     "simulate.thesis.runs.model": "simulated products",
-    "simulate.thesis.runs.people": "simulated labs",
     "simulate.thesis.runs.poses": "simulated products",
     "simulate.thesis.runs.push_figures": "stand-in outlines",
     "simulate.thesis.runs.push_nodes": "stand-in outlines",

@@ -14,7 +14,7 @@ from grasp.learning.environments.discretise import Bins
 __all__ = ["DelayedActions"]
 
 
-class DelayedActions(gymnasium.Wrapper[NDArray[np.float64], int, NDArray[Any], int]):
+class DelayedActions(gymnasium.Wrapper[NDArray[Any], int, NDArray[Any], int]):
     """Carries out each action ``steps`` steps after it was chosen.
 
     What a state leads to then depends on the actions that are still to come. TEXPLORE's answer is

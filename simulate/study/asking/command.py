@@ -14,7 +14,7 @@ from simulate.study.command import study_command
 from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import bootstrap
 
-__all__ = ["asking_price", "asking_study", "summary_of"]
+__all__ = ["asking_price", "summary_of"]
 
 _PRICES = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 _COLUMNS = ("price of asking", "questions", "failed steps", "reached", "cost", "never asks: cost",
@@ -43,14 +43,6 @@ def asking_price(
     Robots that weigh the price of asking work in the same labs as robots that never ask, and as
     robots that always do. The lab has no dynamics.
     """
-    return asking_study(trials, seed, things, goals, moved, failing_price)
-
-
-def asking_study(
-    trials: int, seed: int, things: int = 6, goals: int = 3, moved: float = 0.15,
-    failing_price: float = 60.0,
-) -> Study:  # fmt: skip
-    """Return the study of labs in which robots ask people, at each price of a question."""
     settings = {"seed": seed, "things": things, "goals": goals, "moved": moved,
                 "failing": failing_price, "asking": list(_PRICES)}  # fmt: skip
     path = "simulate.study.asking.trial:run_trial"

@@ -43,7 +43,7 @@ def calibration(setting: Setting) -> Result:
             f"{len(found.poses)} of {postures} pictures used, drawn without distortion, with noise "
             f"of {_NOISE:g} of 255",
         ),
-        {"a posture of the board": png(cv2.cvtColor(pictures[0], cv2.COLOR_GRAY2RGB))},
+        {"a posture of the board": png(np.dstack([pictures[0]] * 3))},
     )  # fmt: skip
 
 

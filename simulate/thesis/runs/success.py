@@ -22,7 +22,7 @@ def success(setting: Setting) -> Result:
         setting.trials(grasping_study(singles, setting.seed, preset=preset, robot="nao"))
     )["groups"]["all"]
     cleared = summarise_tables(
-        setting.trials(clear_study(tables, on_table, setting.seed, preset, robot="nao"))
+        setting.trials(clear_study(tables, on_table, setting.seed, preset, agent=True, robot="nao"))
     )["shares"]
     brought = summarise_requests(
         setting.trials(request_study(asked, 5, setting.seed, "nao", preset))
