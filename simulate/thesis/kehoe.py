@@ -111,7 +111,7 @@ ENTRIES = (
     _ours("experiment", "asking", "6.2", "cost of asking against cost of failure",
           why="`rtask study asking-price` measures what weighing the two saves: docs/tasks.md"),
     _ours("experiment", "shared-environment", "6.2", "a copy, a simulated grasp, and back",
-          why="the graph is read as of any commit, and commits are undone: docs/undoing.md; it has "
-          "no copy that may be written to"),
+          why="the graph is read as of any commit (docs/knowledge-base.md), and commits are undone "
+          "(docs/undoing.md); it has no copy that may be written to"),
     _shown("experiment", "belief", "6.2", "tolerance against cost", run="push_tables:belief"),
 )  # fmt: skip

@@ -48,8 +48,6 @@ def success(setting: Setting) -> Result:
 
 
 def _share(what: str, part: Mapping[str, Any]) -> Compared:
-    interval = part["interval95"]
-    return Compared(
-        what, part["hits"] / part["n"] if part["n"] else None,
-        interval=None if interval is None else (interval[0], interval[1]),
-    )  # fmt: skip
+    low, high = part["interval95"] or (None, None)
+    known = None if low is None or low == high else (low, high)  # of one table there is none
+    return Compared(what, part["hits"] / part["n"] if part["n"] else None, interval=known)
