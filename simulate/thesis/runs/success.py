@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from simulate.fleet.requests import request_study, summarise_requests
@@ -48,6 +48,7 @@ def success(setting: Setting) -> Result:
 
 
 def _share(what: str, part: Mapping[str, Any]) -> Compared:
-    low, high = part["interval95"] or (None, None)
-    known = None if low is None or low == high else (low, high)  # of one table there is none
+    interval: Sequence[float] = part["interval95"] or ()
+    is_known = len(set(interval)) == 2  # of a single table there is none
+    known = (interval[0], interval[1]) if is_known else None
     return Compared(what, part["hits"] / part["n"] if part["n"] else None, interval=known)
