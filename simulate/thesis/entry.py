@@ -20,7 +20,6 @@ State = Literal["compared", "shown", "done differently", "not applicable"]
 _MATERIAL = {
     "simulate.thesis.runs.beyond": "",
     "simulate.thesis.runs.calibration": "rendered chessboards",
-    "simulate.thesis.runs.culling": "simulated tables",
     "simulate.thesis.runs.features": "simulated tables",
     "simulate.thesis.runs.learners": "a world of two rooms",
     "simulate.thesis.runs.model": "simulated products",

@@ -70,7 +70,7 @@ ENTRIES = (
     _shown("experiment", "delay", "3.3.2", "learning with late actuators",
            run="learners:actuator_delay"),
     _shown("experiment", "culling", "3.2.1", "frames that are worth sending",
-           run="culling:culling"),
+           run="sense:culling"),
     _shown("experiment", "success", "2, 5", "success over trials, which chapter 5 announces",
            run="success:success"),
     _ours("experiment", "two-sensors", "3.3.3", "grasps from one or two sensors",
