@@ -32,7 +32,7 @@ _BUILT_IN = {
     "doctor": "rtask.cli.doctor:doctor",
     "entails": "rtask.cli.entails:entails",
     "episodes": "rtask.cli.episodes:episodes",
-    "branch": "rtask.cli.branches:branch",
+    "branch": "rtask.cli.changing.branches:branch",
     "explain": "rtask.cli.reasoning:explain",
     "export": "rtask.cli.contents:export",
     "feedback": "rtask.cli.people:feedback",
