@@ -224,10 +224,13 @@ def report_words(shows_missed: bool) -> None:
             ("frozen before tuning", question_words.unseen(kb)),
             ("written afterwards", question_words.unseen(kb, "asking_fresh.toml")),
             ("written last", question_words.unseen(kb, "asking_third.toml")),
+            ("written with counts", question_words.unseen(kb, "asking_fourth.toml")),
         ):
             tried = list(tries)
             right = sum(one.is_filled for one in tried)
-            print(f"phrasings {name}: {right} of {len(tried)} right ({right / len(tried):.1%})")
+            wrong = sum(bool(one.got) and not one.is_filled for one in tried)
+            print(f"phrasings {name}: {right} of {len(tried)} right ({right / len(tried):.1%}), "
+                  f"{wrong} answered wrongly")  # fmt: skip
             for one in tried if shows_missed else ():
                 if not one.is_filled:
                     print(f"  {one.right} understood as {one.got or 'none'}: {one.asked}")
