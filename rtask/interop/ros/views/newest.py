@@ -48,8 +48,8 @@ class NewestView(ABC, Generic[View]):
 
     Depth is registered, and described by the camera info. It is joined with the colour image
     nearest in time, at most 0.1 s away, and of its frame: the picture of a camera at the wrist is
-    never laid over the depth of one in the head. Who subscribes passes each message on by `take_cloud`,
-    `take_info`, `take_depth` or `take_colour`, from any thread.
+    never laid over the depth of one in the head. Who subscribes passes each message on by
+    `take_cloud`, `take_info`, `take_depth` or `take_colour`, from any thread.
     """
 
     def __init__(self) -> None:
