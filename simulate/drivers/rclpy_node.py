@@ -23,7 +23,7 @@ ros_arguments: Callable[..., Any] = click.option(
 
 
 @contextlib.contextmanager
-def ros2_node(name: str, arguments: str = "", threads: int = 1) -> Iterator[Any]:
+def ros2_node(name: str, arguments: str = "", threads: int = 2) -> Iterator[Any]:
     """Yield a node of ROS 2 whose callbacks are run in threads of its own.
 
     Parameters
