@@ -10,6 +10,7 @@ from endpoint.admin import AdminRoutes
 from endpoint.api.agent_messages import cancelled, messages_in, tool_called
 from endpoint.api.agents import plan_agents
 from endpoint.api.blobs import plan_blob
+from endpoint.api.branches import plan_branches
 from endpoint.api.collections import COLLECTIONS
 from endpoint.api.datasets import plan_dataset
 from endpoint.api.listing import plan_listing
@@ -27,7 +28,7 @@ from endpoint.api.tools import effect_of_tool, plan_tools, tools_named
 from endpoint.context import ServerContext
 from endpoint.follow.asked_records import plan_asked_records
 from endpoint.follow.replication import snapshot
-from endpoint.http.agent_calls import AgentCalls
+from endpoint.http.agent_calls import AgentCalls, program_of
 from endpoint.http.idempotency import IdempotencyKeys
 from endpoint.http.messages import RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
@@ -38,6 +39,7 @@ from endpoint.served import embedded
 from endpoint.sparql import check, graph_store, protocol, questions, terms
 from endpoint.sparql.answer_cache import AnswerCache
 from endpoint.sparql.answers import Answers
+from endpoint.sparql.branches import BranchStates
 from endpoint.sparql.lookups import Lookups
 from endpoint.sparql.negotiation import prefers_html
 from endpoint.sparql.past_states import PastStates
@@ -87,8 +89,9 @@ class Router:
         context.gauges["rtask_answer_cache_bytes"] = lambda: cache.bytes
         past = PastStates(kb, config)
         context.at_close.append(past.close)
+        branches = BranchStates(kb, config)
         self.asked = protocol.Asked(
-            answers, Lookups(kb), cache, context.versions, past, SlowShapes()
+            answers, Lookups(kb), cache, context.versions, past, branches, SlowShapes()
         )
         self._admin = AdminRoutes(context)
         self._keys = IdempotencyKeys()
@@ -120,6 +123,9 @@ class Router:
                 services.datasets, request, caller, address
             ),
             **self._reasoner_handlers(),
+            "branches": lambda request, caller, address: plan_branches(
+                embedded(kb, "branches"), context.audit, request, caller, address
+            ),
             "proposals": lambda request, caller, address: plan_proposals(
                 embedded(kb, "proposals"), context.audit, request, caller, address
             ),
@@ -242,8 +248,9 @@ class Router:
         if route.source != "declared":
             yield route.source
         elif route.handler in ("agents", "tools"):
+            program = program_of(caller.key, request)
             for message in messages_in(request):
-                if any(not self._calls.has(caller.key, call) for call in cancelled(message)):
+                if any(not self._calls.has(program, call) for call in cancelled(message)):
                     yield "writer"  # the call is under way there
                 name = tool_called(message)
                 if name is not None:

@@ -66,15 +66,17 @@ objects_per_robot = click.option(
 objects_on_table = click.option(
     "--table", "on_table", default=4, show_default=True, help="Objects on the table at once."
 )
-workers = click.option(
-    "--workers",
-    default=2,
-    show_default=True,
-    help="Number of processes; does not change the results.",
-)
 resume = click.option(
     "--resume", is_flag=True, help="Continue the interrupted run in the output folder."
 )
+
+
+def workers(default: int = 2) -> Option:
+    """Return the option for the number of processes."""
+    return click.option(
+        "--workers", default=default, show_default=True,
+        help="Number of processes; does not change the results.",
+    )  # fmt: skip
 
 
 def objects_of_demo() -> Option:

@@ -1,19 +1,21 @@
 """Messages of agents over HTTP: one POST holds one, or several for agents of an older protocol.
 
-There are no sessions. A request is answered with JSON; where a call names a progress token and
-the agent accepts events, its progress and its answer come as a stream of them.
+A session is a name alone (:func:`program_of`), of which nothing is kept. A request is answered with
+JSON; where a call names a progress token and the agent accepts events, its progress and its answer
+come as a stream of them.
 """
 
 from __future__ import annotations
 
 import json
+import secrets
 from collections.abc import Callable
 from concurrent.futures import wait
 from typing import Any
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.api.operations import json_value
-from endpoint.http.agent_calls import AgentCall, AgentCalls
+from endpoint.http.agent_calls import SESSION, AgentCall, AgentCalls, program_of
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from rtask.asking.tools.protocol import VERSIONS
@@ -29,8 +31,11 @@ _CANCELLED = "notifications/cancelled"
 
 
 def response_of(message: JsonObject) -> Response:
-    """Return the response that carries a message."""
-    return Response(200, json.dumps(message, ensure_ascii=False).encode(), JSON_TYPE)
+    """Return the response that carries a message; a greeting also hands out a session id."""
+    response = Response(200, json.dumps(message, ensure_ascii=False).encode(), JSON_TYPE)
+    if "protocolVersion" in (message.get("result") or {}):
+        return response.with_headers((SESSION, secrets.token_hex(16)))
+    return response
 
 
 def plan_messages(
@@ -65,12 +70,13 @@ def plan_messages(
             400, "usage", f"MCP-Protocol-Version: expected one of {', '.join(VERSIONS)}"
         )
     sent = json_value(request)
+    program = program_of(caller.key, request)
     if isinstance(sent, list) and version in ("", VERSIONS[-1]):
-        return _plan_batch(caller, calls, sent, plan_message)
+        return _plan_batch(program, calls, sent, plan_message)
     if not isinstance(sent, dict):
         raise UsageError("expected one JSON object")
     if _is_notification(sent):
-        _take_note(caller, calls, sent)
+        _take_note(program, calls, sent)
         return Plan.ready(Response(202))
     wants_events = _EVENT_STREAM in request.header("accept")
     token = _progress_token(sent) if wants_events else None
@@ -112,9 +118,9 @@ def _is_notification(message: JsonObject) -> bool:
                                    and ("result" in message or "error" in message))  # fmt: skip
 
 
-def _take_note(caller: Caller, calls: AgentCalls, message: JsonObject) -> None:
+def _take_note(program: str, calls: AgentCalls, message: JsonObject) -> None:
     for request_id in cancelled(message):
-        calls.cancel(caller.key, request_id)
+        calls.cancel(program, request_id)
 
 
 def _progress_token(message: JsonObject) -> str | int | None:
@@ -125,14 +131,14 @@ def _progress_token(message: JsonObject) -> str | int | None:
 
 
 def _plan_batch(
-    caller: Caller, calls: AgentCalls, sent: list[Any], plan_message: PlanMessage
+    program: str, calls: AgentCalls, sent: list[Any], plan_message: PlanMessage
 ) -> Plan:
     """Plan the answers to several messages, which are carried out one after the other."""
     if not sent or len(sent) > MAX_BATCH or not all(isinstance(message, dict) for message in sent):
         raise UsageError(f"expected one JSON object, or a list of 1 to {MAX_BATCH}")
     for message in sent:
         if _is_notification(message):
-            _take_note(caller, calls, message)
+            _take_note(program, calls, message)
     requests = [message for message in sent if not _is_notification(message)]
     if not requests:
         return Plan.ready(Response(202))

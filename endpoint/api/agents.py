@@ -6,7 +6,7 @@ from typing import Any
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.api.agent_messages import plan_messages, response_of
-from endpoint.http.agent_calls import AgentCall, AgentCalls
+from endpoint.http.agent_calls import AgentCall, AgentCalls, program_of
 from endpoint.http.messages import Request, Response
 from endpoint.http.plan import Plan, RunningQuery
 from endpoint.routes.addresses import MCP_SERVICES
@@ -38,7 +38,7 @@ def plan_agents(
     more = f"Methods of services are tools at {request.site}{MCP_SERVICES}."
 
     def plan_message(message: dict[str, Any], call: AgentCall) -> Plan:
-        remove = calls.add(caller.key, message.get("id"), call)
+        remove = calls.add(program_of(caller.key, request), message.get("id"), call)
 
         def run() -> Response:
             try:

@@ -13,7 +13,7 @@ from typing import Any
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.access.rights import authorise
 from endpoint.api.agent_messages import plan_messages, response_of
-from endpoint.http.agent_calls import AgentCall, AgentCalls
+from endpoint.http.agent_calls import AgentCall, AgentCalls, program_of
 from endpoint.http.messages import Request
 from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import details_of
@@ -152,7 +152,7 @@ def _plan_call(
             task.fail(error)
         return task.done
 
-    remove = calls.add(caller.key, message.get("id"), call)
+    remove = calls.add(program_of(caller.key, request), message.get("id"), call)
     return Plan(
         lambda: response_of(reply(message, _result(task))),
         timeout_s=task.call.timeout_s,

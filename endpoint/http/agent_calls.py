@@ -8,9 +8,21 @@ from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
+from endpoint.http.messages import Request
 from endpoint.http.plan import Progress
 
-__all__ = ["AgentCall", "AgentCalls"]
+__all__ = ["SESSION", "AgentCall", "AgentCalls", "program_of"]
+
+SESSION = "Mcp-Session-Id"
+
+
+def program_of(caller: str, request: Request) -> str:
+    """Return a key of the program that sends a request.
+
+    Nothing is kept of a session: its id, which ``initialize`` hands out, only tells the programs
+    apart that use one token, as each numbers its requests by itself.
+    """
+    return f"{caller} {request.header(SESSION.lower())}"
 
 
 class AgentCall:
@@ -63,10 +75,10 @@ class AgentCall:
 
 
 class AgentCalls:
-    """The calls under way, by caller and id of the request.
+    """The calls under way, by :func:`program_of` and id of the request.
 
-    A caller's programs number their requests each by themselves. An id that two of them use is
-    not cancelled, for it is not known whose call is meant.
+    An id that two programs without a session use is not cancelled, for it is not known whose call
+    is meant.
     """
 
     def __init__(self) -> None:

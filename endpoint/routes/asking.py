@@ -35,6 +35,7 @@ SPARQL = Messages(
                   {"type": "number", "exclusiveMinimum": 0}),
         parameter("as_of", "query", "earlier state: the number of its last commit, EPOCH:NUMBER, "
                   "or a time with its zone", TEXT),
+        parameter("branch", "query", "name of a branch", TEXT),
     ),
     answer=Answer(types=_RESULTS),
     problems=(*READING, 413, 501, 507),  # of earlier states

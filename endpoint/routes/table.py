@@ -15,7 +15,7 @@ from werkzeug.exceptions import MethodNotAllowed, NotFound
 from werkzeug.routing import Map, Rule
 
 from endpoint.routes import addresses as at
-from endpoint.routes import asking, hosting, reasoning
+from endpoint.routes import asking, branches, hosting, reasoning
 from endpoint.routes.route import Declared, Match, Route
 
 __all__ = ["ROUTES", "find", "serves"]
@@ -30,6 +30,7 @@ _DATASET = at.DATASETS + "/<namespace>/<name>"
 _FILE = _DATASET + "/files/<path:path>"
 _RULE = at.RULES + "/<path:name>"
 _PROPOSAL = at.PROPOSALS + "/<number>"
+_BRANCH = at.BRANCHES + "/<name>"
 
 # fmt: off
 ROUTES: tuple[Route, ...] = (
@@ -82,6 +83,11 @@ ROUTES: tuple[Route, ...] = (
           "reasoner"),
     Route(at.REASONER + "/contradictions", _GET, "read", "reads", "contradictions",
           reasoning.CONTRADICTIONS, "reasoner"),
+    Route(at.BRANCHES, _GET, "read", "reads", "branches", branches.BRANCHES),
+    Route(at.BRANCHES, _POST, "write", "writes", "branches", branches.MADE, "writer"),
+    Route(_BRANCH, _GET, "read", "reads", "branches", branches.BRANCH, "writer"),
+    Route(_BRANCH, _DELETE, "write", "writes", "branches", branches.DROPPED, "writer"),
+    Route(_BRANCH + "/merge", _POST, "write", "writes", "branches", branches.MERGED, "writer"),
     Route(at.PROPOSALS, _GET, "read", "reads", "proposals", reasoning.PROPOSALS, "writer"),
     Route(at.PROPOSALS, _POST, "write", "writes", "proposals", reasoning.PROPOSED, "writer"),
     Route(_PROPOSAL, _GET, "read", "reads", "proposals", reasoning.PROPOSAL, "writer"),

@@ -21,6 +21,7 @@ from endpoint.settings import Config, Limits
 from endpoint.sparql import federation, negotiation
 from endpoint.sparql.answer_cache import AnswerCache
 from endpoint.sparql.answers import GRACE_S, Answers, Question
+from endpoint.sparql.branches import BranchStates, open_named
 from endpoint.sparql.description import MAX_NAMED_GRAPHS, describe
 from endpoint.sparql.limits import checked_form
 from endpoint.sparql.lookups import Lookups
@@ -75,6 +76,7 @@ class Asked:
     cache: AnswerCache
     versions: Versions
     past: PastStates
+    branches: BranchStates
     slow: SlowShapes
 
 
@@ -90,7 +92,10 @@ def plan_query(
     QuerySyntaxError
         The text is not a query.
     """
-    lookup = is_lookup(query.text) and not query.as_of
+    is_elsewhere = bool(query.as_of or query.branch)
+    if query.as_of and query.branch:
+        raise RefusedError(400, "usage", "`as_of` and `branch` in one query")
+    lookup = is_lookup(query.text) and not is_elsewhere
     form = "SELECT" if lookup else _form(query.text, config.limits)
     if not form:
         raise QuerySyntaxError(
@@ -101,7 +106,7 @@ def plan_query(
     media_type = negotiation.choose(request.header("accept"), offers)
     content_type = negotiation.content_type(media_type)
     etag = ""
-    if not query.as_of:
+    if not is_elsewhere:
         etag = asked.versions.of_query(
             query.text,
             query.default_graphs,
@@ -121,10 +126,12 @@ def plan_query(
     running = RunningQuery(request.id, caller.key, caller.name, query.text, timeout_s)
     deadline = running.started + timeout_s
     question = Question(query, media_type, wants_gzip(request), headers, running, deadline)
-    if query.as_of:
-        past = _Query(question, lookup, None, timeout_s, config, asked)
-        past.require_local()
-        run = partial(past.run_past, parse_as_of(query.as_of))
+    if is_elsewhere:
+        other = _Query(question, lookup, None, timeout_s, config, asked)
+        other.require_local("as_of" if query.as_of else "branch")
+        run = other.run_in_branch
+        if query.as_of:
+            run = partial(other.run_past, parse_as_of(query.as_of))
         return Plan(run, timeout_s + GRACE_S, "query", form, query.text, running)
     keep = None
     if query.timeout_s is None:  # a limit may be answered with a header that depends on the role
@@ -176,10 +183,15 @@ class _Query:
         """Answer among the quick queries."""
         return self._guarded(lambda: self._open(point=True))
 
-    def require_local(self) -> None:
-        """Refuse SERVICE in a query of an earlier state, which another server does not have."""
+    def require_local(self, field: str) -> None:
+        """Refuse SERVICE in a query of another state, which another server does not have."""
         if federation.mentions(self._question.query.text, "SERVICE"):
-            raise RefusedError(400, "usage", "`as_of` and SERVICE in one query")
+            raise RefusedError(400, "usage", f"`{field}` and SERVICE in one query")
+
+    def run_in_branch(self) -> Response:
+        """Answer from a branch."""
+        name = self._question.query.branch
+        return self._guarded(lambda: self._asked.branches.open(self._question, name))
 
     def run_past(self, at: int | dt.datetime | str) -> Response:
         """Answer from an earlier state."""
@@ -273,14 +285,15 @@ def plan_update(
     def run() -> Response:
         attribution = caller.note(request)
         note = f"{update.note} ({attribution})" if update.note else attribution
-        commit = _commit(kb, update, caller, note, config)
+        target = open_named(kb, update.branch).graph if update.branch else kb
+        commit = _commit(target, update, caller, note, config)
         remark = commit.remark if commit else None
         if not wants_json:
             headers = (("RTASK-Remark", quote(remark, safe=_PRINTABLE)),) if remark else ()
             return Response(204, headers=headers)
         # Another server does not say what it changed.
         counts = {
-            "seq": commit.seq if commit else kb.seq,
+            "seq": commit.seq if commit else target.seq,
             "added": commit and commit.added,
             "removed": commit and commit.removed,
             "derived": commit and commit.derived,

@@ -22,9 +22,13 @@ UPDATE_TYPE = "application/sparql-update"
 
 # What an address accepts: `/sparql` both, `/query` and `/update` one of them.
 QUERY, UPDATE = "query", "update"
-_QUERY_FIELDS = (QUERY, "default-graph-uri", "named-graph-uri", "inferred", "timeout", "as_of")
+_QUERY_FIELDS = (
+    QUERY, "default-graph-uri", "named-graph-uri", "inferred", "timeout", "as_of",
+    "branch",
+)  # fmt: skip
 _UPDATE_FIELDS = (
     UPDATE, "using-graph-uri", "using-named-graph-uri", "agent", "note", "if-version",
+    "branch",
 )  # fmt: skip
 
 
@@ -46,6 +50,8 @@ class QueryRequest:
         Whether to read derived triples, too.
     as_of
         Commit or time of the state to query, as text; empty for the current one.
+    branch
+        Name of the branch to query; empty for the trunk.
     """
 
     text: str
@@ -55,6 +61,7 @@ class QueryRequest:
     timeout_s: float | None = None
     inferred: bool = True
     as_of: str = ""
+    branch: str = ""
 
 
 @dataclass(frozen=True)
@@ -70,6 +77,8 @@ class UpdateRequest:
         which other servers ignore.
     if_version
         ``EPOCH:NUMBER`` of the last commit on which the change depends; a field of our own, too.
+    branch
+        Name of the branch to change; empty for the trunk.
     """
 
     text: str
@@ -79,6 +88,7 @@ class UpdateRequest:
     agent: str = ""
     note: str = ""
     if_version: str = ""
+    branch: str = ""
 
 
 @dataclass(frozen=True)
@@ -214,6 +224,7 @@ def _query(text: str, fields: Fields, request: Request) -> QueryRequest:
         timeout_s=_timeout(fields),
         inferred=_inferred(fields),
         as_of=_short(fields, "as_of", 64),
+        branch=_short(fields, "branch", 64),
     )
 
 
@@ -224,7 +235,8 @@ def _update(text: str, fields: Fields, request: Request) -> UpdateRequest:
     agent, note = (_short(fields, name, most) for name, most in (("agent", 64), ("note", 500)))
     version = _short(fields, "if-version", 64)
     text = _without_nul(text, "update")
-    return UpdateRequest(text, using, using_named, request.url, agent, note, version)
+    branch = _short(fields, "branch", 64)
+    return UpdateRequest(text, using, using_named, request.url, agent, note, version, branch)
 
 
 def _short(fields: Fields, name: str, most: int) -> str:

@@ -99,15 +99,15 @@ class Population:
         without
             Whether an object of a name is left out: what is asked about is not its own prior.
         """
-        counted = [k for k, product in enumerate(self._products) if not without(product.name)]
-        if not counted:
+        counted = np.array([not without(product.name) for product in self._products], bool)
+        if not counted.any():
             return PRIOR
-        distance = np.linalg.norm(self._log_sizes[counted] - np.log(size), axis=1)
-        likeness = np.exp(-(distance**2) / (2 * _BANDWIDTH**2))
-        likelihood, prior = self._likelihood[counted], PRIOR
+        distance = np.linalg.norm(self._log_sizes - np.log(size), axis=1)
+        likeness = np.where(counted, np.exp(-(distance**2) / (2 * _BANDWIDTH**2)), 0.0)
+        prior = PRIOR
         for _ in range(_ROUNDS):
-            belief = likelihood * prior
-            belief /= belief.sum(axis=1, keepdims=True)
-            counts = likeness @ (belief + belief[:, MIRRORED]) / 2
+            # The beliefs about each object are summed without being formed one by one.
+            counts = prior * ((likeness / (self._likelihood @ prior)) @ self._likelihood)
+            counts = (counts + counts[MIRRORED]) / 2
             prior = (_PSEUDO_PRODUCTS * PRIOR + counts) / (_PSEUDO_PRODUCTS + likeness.sum())
         return np.asarray(prior)

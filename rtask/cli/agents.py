@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
+import select
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -26,13 +28,18 @@ if TYPE_CHECKING:
 __all__ = ["mcp"]
 
 JsonObject = dict[str, Any]
+Sent = JsonObject | list[JsonObject]
 Send = Callable[[JsonObject], None]
 Answerer = Callable[[JsonObject, Send], Callable[[], None]]
 """Takes a message of the agent, in their order, and returns what answers it by sending messages."""
 
 THREADS = 8
 MAX_LINE = 4 << 20
+MAX_BATCH = 20
 _PARSE_ERROR = -32700
+_CANCELLED = "notifications/cancelled"
+_LOOKS_S = 0.5
+"""Time after which it is looked again whether the agent is there, s."""
 _EVENTS = "text/event-stream"
 
 
@@ -57,10 +64,13 @@ def mcp(data: Path, server: str | None, agent: str | None, services: bool) -> No
 
 
 def serve(answer: Answerer, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
-    """Answer messages until the agent closes its end; calls run beside each other."""
+    """Answer messages until the agent closes its end; calls run beside each other.
+
+    All calls are given up once the agent is gone, so that nothing can be sent to it.
+    """
     lock = threading.Lock()
 
-    def send(message: JsonObject) -> None:
+    def send(message: Sent) -> None:
         line = json.dumps(message, ensure_ascii=False).encode() + b"\n"
         with lock:
             outgoing.write(line)
@@ -68,27 +78,97 @@ def serve(answer: Answerer, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
 
     waiting: dict[str | None, Future[None]] = {}
     with ThreadPoolExecutor(THREADS, thread_name_prefix="agent") as pool:
-        while line := incoming.readline(MAX_LINE):
-            if not line.strip():
-                continue
-            try:
-                message = json.loads(line)
-            except ValueError:
-                message = None
-            if not isinstance(message, dict):
-                error = {"code": _PARSE_ERROR, "message": "expected one JSON object on a line"}
-                send({"jsonrpc": "2.0", "id": None, "error": error})
-                continue
-            # A call may end, and be forgotten, at any moment.
-            if (given_up := waiting.get(_cancelled(message))) is not None:
-                given_up.cancel()  # unless it has begun
-            work = answer(message, send)
-            if message.get("id") is None or message.get("method") != "tools/call":
-                _guarded(work, message, send)
-            else:
-                key = repr(message["id"])
-                waiting[key] = future = pool.submit(_guarded, work, message, send)
-                future.add_done_callback(partial(_forget, waiting, key))
+        try:
+            for line in _lines(incoming):
+                _take(_read(line), answer, send, pool, waiting)
+            while left := list(waiting.values()):
+                wait(left, _LOOKS_S, FIRST_COMPLETED)
+                if _is_gone(outgoing):
+                    break
+        except BrokenPipeError:
+            pass
+        for key, future in list(waiting.items()):
+            future.cancel()
+            params = {"requestId": json.loads(str(key))}
+            answer({"jsonrpc": "2.0", "method": _CANCELLED, "params": params}, send)()
+
+
+def _is_gone(outgoing: IO[bytes]) -> bool:
+    """Return whether nobody reads what is sent any more."""
+    try:
+        poll = select.poll()
+        poll.register(outgoing, 0)
+    except (OSError, ValueError, TypeError, AttributeError):  # no pipe, or a system without poll
+        return False
+    return any(event & select.POLLERR for _, event in poll.poll(0))
+
+
+def _lines(incoming: IO[bytes]) -> Iterator[bytes]:
+    """Yield lines that are not blank; of one that is too long, a part that cannot be read."""
+    while line := incoming.readline(MAX_LINE):
+        rest = line
+        while len(rest) == MAX_LINE and not rest.endswith(b"\n"):
+            line, rest = b"{", incoming.readline(MAX_LINE)
+        if line.strip():
+            yield line
+
+
+def _read(line: bytes) -> list[JsonObject] | JsonObject | None:
+    """Return the message in a line, or the messages, or None if it holds none."""
+    try:
+        sent = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    if isinstance(sent, list):
+        is_batch = 1 <= len(sent) <= MAX_BATCH and all(isinstance(item, dict) for item in sent)
+        return sent if is_batch else None
+    return sent if isinstance(sent, dict) else None
+
+
+def _take(
+    sent: list[JsonObject] | JsonObject | None,
+    answer: Answerer,
+    send: Callable[[Sent], None],
+    pool: ThreadPoolExecutor,
+    waiting: dict[str | None, Future[None]],
+) -> None:
+    """Answer messages, or begin to: those that may take long are carried out by the pool."""
+    if sent is None:
+        error = {"code": _PARSE_ERROR, "message": "expected one JSON object on a line"}
+        send({"jsonrpc": "2.0", "id": None, "error": error})
+        return
+    for message in sent if isinstance(sent, list) else (sent,):
+        # A call may end, and be forgotten, at any moment.
+        if (given_up := waiting.get(_cancelled(message))) is not None:
+            given_up.cancel()  # unless it has begun
+    if isinstance(sent, list):
+        pool.submit(_answer_batch, list(sent), answer, send)
+        return
+    work = answer(sent, send)
+    if sent.get("id") is None or sent.get("method") != "tools/call":
+        _guarded(work, sent, send)
+    else:
+        key = json.dumps(sent["id"])
+        waiting[key] = future = pool.submit(_guarded, work, sent, send)
+        future.add_done_callback(partial(_forget, waiting, key))
+
+
+def _answer_batch(
+    messages: list[JsonObject], answer: Answerer, send: Callable[[Sent], None]
+) -> None:
+    """Answer several messages, one after the other, in one list (protocol 2025-03-26)."""
+    answers: list[JsonObject] = []
+
+    def collect(message: JsonObject) -> None:
+        if "method" in message:
+            send(message)
+        else:
+            answers.append(message)
+
+    for message in messages:
+        _guarded(answer(message, collect), message, collect)
+    if answers:
+        send(answers)
 
 
 def _forget(waiting: dict[str | None, Future[None]], key: str, future: Future[None]) -> None:
@@ -99,9 +179,9 @@ def _forget(waiting: dict[str | None, Future[None]], key: str, future: Future[No
 def _cancelled(message: JsonObject) -> str | None:
     """Return the key of the call that a notification gives up."""
     params = message.get("params")
-    if message.get("method") != "notifications/cancelled" or not isinstance(params, dict):
+    if message.get("method") != _CANCELLED or not isinstance(params, dict):
         return None
-    return repr(params.get("requestId"))
+    return json.dumps(params.get("requestId"))
 
 
 def _guarded(work: Callable[[], None], message: JsonObject, send: Send) -> None:
@@ -136,7 +216,7 @@ def _embedded(data: Path, agent: str | None) -> Iterator[Answerer]:
                     return running.pop(cancelled).stop
                 if message.get("id") is None:
                     return lambda: None
-                key = repr(message["id"])
+                key = json.dumps(message["id"])
                 call = running[key] = _Call(message, send)
 
                 def respond() -> None:
@@ -200,6 +280,7 @@ def _remote(server: str, services: bool) -> Iterator[Answerer]:
     url = f"{address}/mcp/services" if services else f"{address}/mcp"
     headers = {
         "Accept": f"application/json, {_EVENTS}",
+        "Mcp-Session-Id": secrets.token_hex(16),
         **authorization(os.environ.get("RTASK_TOKEN")),
     }
     with httpx.Client(headers=headers, timeout=httpx.Timeout(10.0, read=None)) as client:

@@ -70,7 +70,7 @@ class GraphBase:
             files.store,
             lambda: writer.committer.last_seq,
             files.read_from,
-            frozen=files.checkpoints is None and not isinstance(files.held, PrivateCopy),
+            frozen=files.is_frozen,
         )
         files.store.followers.append(self.readers.stored)
         journal = None if isinstance(files.journal, NoJournal) else files.journal
@@ -103,6 +103,15 @@ class GraphBase:
             return None
         author, seq = request.access.agent or "", self.seq
         return self.proposals.add(overlay.added, overlay.removed, author, seq, reason).number
+
+    @property
+    def writer(self) -> Writer:
+        """What serialises the commits."""
+        return self._writer
+
+    def close(self) -> None:
+        """Release what is open; :class:`rtask.kb.core.GraphCore` does it."""
+        raise NotImplementedError
 
     @property
     def base(self) -> str:

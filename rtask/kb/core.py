@@ -11,7 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from rtask.errors import RemoteError, RtaskError
+from rtask.errors import RemoteError, RtaskError, UnsupportedError
+from rtask.kb.branches.branching import Branching
 from rtask.kb.commit import validation
 from rtask.kb.commit.validation import ValidationReport
 from rtask.kb.durability.journal import JournalFile, Record
@@ -35,7 +36,7 @@ __all__ = ["GraphCore"]
 _log = logging.getLogger(__name__)
 
 
-class GraphCore(Reading, Watching, Reasoning, Retraction, Reverting, Proposing):
+class GraphCore(Reading, Watching, Reasoning, Retraction, Reverting, Proposing, Branching):
     """A graph in one process: reads, watches, commits, reasons, retracts and checks itself.
 
     The loader, the object layer and the bridges to other libraries work on this class;
@@ -46,10 +47,12 @@ class GraphCore(Reading, Watching, Reasoning, Retraction, Reverting, Proposing):
     def needs_exact_changes(self) -> bool:
         """Whether every statement of a load must pass through a commit, however large the load is.
 
-        So it is while shapes are checked, contradictory statements go to quarantine, or somebody
-        subscribes; otherwise large documents are streamed into the store.
+        So it is in a branch, while shapes are checked, contradictory statements go to quarantine,
+        or somebody subscribes; otherwise large documents are streamed into the store.
         """
         committer = self._writer.committer
+        if self._files.is_branch:
+            return True
         if committer.validator is not None or committer.quarantines:
             return True
         return self.feed.has_subscribers or self.live_queries.has_subscribers
@@ -145,7 +148,10 @@ class GraphCore(Reading, Watching, Reasoning, Retraction, Reverting, Proposing):
 
     def collect_blobs(self, older_than_s: float = 86_400.0) -> int:
         """Delete the blobs that no statement names; return how many."""
-        return verification.collect_blobs(self, self._writer, older_than_s)
+        if self._files.is_branch:
+            raise UnsupportedError("a branch has the blobs of its trunk; collect them there")
+        besides = self.blobs_of_branches()
+        return verification.collect_blobs(self, self._writer, older_than_s, besides)
 
     def backup(self, target: Path | str, *, blobs: bool = True) -> dict[str, Any]:
         """Copy to a new folder; see :func:`rtask.kb.maintenance.backup.backup`."""
@@ -188,6 +194,7 @@ class GraphCore(Reading, Watching, Reasoning, Retraction, Reverting, Proposing):
         """Finish the current write, force everything to disk and release the folder."""
         if not self.store.is_open:
             return
+        self.close_branches()
         self.expiry.close()
         if self._follower is not None:
             self._follower.close()

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from pyoxigraph import Quad
 
+from rtask.errors import UnsupportedError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.bulk import TripleText, bulk_add
 from rtask.kb.commit.commit import Commit, Request
@@ -178,6 +179,8 @@ class Writing(Searching):
         The statements are stored in one atomic step, followed by a commit of the statements
         derived from them.
         """
+        if self._files.is_branch:
+            raise UnsupportedError("a branch takes statements in commits only")
         try:
             return bulk_add(self._writer, self._files, self._inference, quads, graph, request)
         finally:

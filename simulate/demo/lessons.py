@@ -12,6 +12,8 @@ __all__ = ["Lessons", "lessons_of"]
 
 _FROM_GRAPH = "memory"
 _IN_SPACE = "scene"
+_HALF_A_SUCCESS = 0.5
+"""Evidence of success, by the graph, from which a grasp is at the place of a lesson."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,9 @@ class Lessons:
         Products that an earlier robot held and the last one tried.
     recalled
         Those of which the last robot's first physical attempt was a grasp from the graph.
+    followed
+        Those of which it was a grasp of its own to which the graph's successes were credited: at
+        the place of a remembered one, but opening wider, or higher, as suits this hand.
     won_in_space, recalled_in_space
         Those among them whose first success was planned on the whole view, with a full pose.
     """
@@ -33,6 +38,7 @@ class Lessons:
     robot: str
     won: int = 0
     recalled: int = 0
+    followed: int = 0
     won_in_space: int = 0
     recalled_in_space: int = 0
 
@@ -42,6 +48,7 @@ class Lessons:
             "robot": self.robot,
             "won": self.won,
             "recalled": self.recalled,
+            "followed": self.followed,
             "won_in_space": self.won_in_space,
             "recalled_in_space": self.recalled_in_space,
             "sentence": self.sentence(),
@@ -50,6 +57,8 @@ class Lessons:
     def sentence(self) -> str:
         """Return the figures in words."""
         text = f"{self.robot} recalled {self.recalled} of {self.won} lessons about what it tried"
+        if self.followed:
+            text += f" and followed {self.followed} more by a grasp of its own at the same place"
         if self.won_in_space:
             text += (
                 f", {self.recalled_in_space} of {self.won_in_space} of those won with a grasp "
@@ -75,12 +84,18 @@ def lessons_of(done: Sequence[Mapping[str, Any]]) -> Lessons | None:
             source = _winning_source(met)
             if met["product"] and source:
                 won.setdefault(met["product"], source)
-    first = {met["product"]: _first_source(met) for met in by_product(last["encounters"])}
+    mine = by_product(last["encounters"])
+    first = {met["product"]: _first_attempt(met) for met in mine}
     tried = {product: source for product, source in won.items() if first.get(product)}
-    recalled = [product for product in tried if first[product] == _FROM_GRAPH]
+    recalled = [product for product in tried if first[product]["source"] == _FROM_GRAPH]
+    known = {met["product"] for met in mine if met.get("recognised")}
+    followed = sum(
+        first[product].get("told", (0.0, 0.0))[0] >= _HALF_A_SUCCESS
+        for product in (tried.keys() & known) - set(recalled)
+    )
     in_space = [product for product, source in tried.items() if source == _IN_SPACE]
     return Lessons(
-        str(last["name"]), len(tried), len(recalled), len(in_space),
+        str(last["name"]), len(tried), len(recalled), followed, len(in_space),
         sum(product in recalled for product in in_space),
     )  # fmt: skip
 
@@ -93,6 +108,6 @@ def _winning_source(met: Mapping[str, Any]) -> str:
     return ""
 
 
-def _first_source(met: Mapping[str, Any]) -> str:
-    """Return the source of the first physical attempt; empty without one."""
-    return next((str(a["source"]) for a in met["attempts"] if a["physical"]), "")
+def _first_attempt(met: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the first physical attempt; empty without one."""
+    return next((attempt for attempt in met["attempts"] if attempt["physical"]), {})

@@ -149,6 +149,7 @@ def summarise_demos(results: Sequence[Mapping[str, Any]], max_attempts: int) -> 
     changes = [[with_it - alone for with_it, alone in demo["pairs"]] for demo in demos]
     recalled = sum(demo["lessons"]["recalled"] for demo in demos)
     won = sum(demo["lessons"]["won"] for demo in demos)
+    followed = sum(demo["lessons"]["followed"] for demo in demos)
     pairs = [pair for demo in demos for pair in demo["pairs"]]
     return {
         "demos": demos,
@@ -157,7 +158,7 @@ def summarise_demos(results: Sequence[Mapping[str, Any]], max_attempts: int) -> 
         "change": _over_demos(changes),
         "fewer": sum(sum(change) < 0 for change in changes),
         "many_more": sum(sum(change) > _TOLERATED for change in changes),
-        "lessons": {"won": won, "recalled": recalled},
+        "lessons": {"won": won, "recalled": recalled, "followed": followed},
     }
 
 
@@ -197,7 +198,11 @@ def _robot_figures(
             "first": len(first),
             "held": sum(m["tries_to_success"] == 1 for m in first),
         },
-        "lessons": {"won": lessons.won, "recalled": lessons.recalled},
+        "lessons": {
+            "won": lessons.won,
+            "recalled": lessons.recalled,
+            "followed": lessons.followed,
+        },
     }
 
 
@@ -265,7 +270,8 @@ def demo_words(summary: Mapping[str, Any]) -> list[str]:
         f"first tries that held {first_with:.2f} with the graph, {first_alone:.2f} without",
         f"fewer attempts in {summary['fewer']} of {demos} demos, more than {_TOLERATED} more in "
         f"{summary['many_more']}",
-        f"lessons recalled {lessons['recalled']} of {lessons['won']} won",
+        f"lessons recalled {lessons['recalled']} of {lessons['won']} won, and "
+        f"{lessons['followed']} followed by a grasp of the robot's own at the same place",
     ]
 
 

@@ -15,6 +15,7 @@ import datetime as dt
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,10 +29,15 @@ from rtask.engine.memory.experience import Weights, gather
 from rtask.engine.policy import Policy
 from rtask.engine.remembered import Remembered, Tally
 from rtask.errors import UsageError
+from simulate.study.attempt_table import attempts_named, attempts_of, read_attempts
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import bootstrap
 from simulate.world.seeds import stream
 
-__all__ = ["COLUMNS", "CONDITIONS", "Luck", "Player", "ReportedGrasp", "replay", "replay_rows"]
+__all__ = [
+    "COLUMNS", "CONDITIONS", "Luck", "Player", "ReportedGrasp", "replay_rows", "replay_study",
+    "replay_trial", "summary_of",
+]  # fmt: skip
 
 CONDITIONS = ("shared", "look-alikes", "another family", "random grasps")
 COLUMNS = (
@@ -58,15 +64,13 @@ class ReportedGrasp:
     weight: float = 1.0
 
 
-def replay(
-    table: Mapping[str, Any], fleets: int, on_table: int, cap: int, seed: int
-) -> dict[str, Any]:
-    """Return the effect of sharing over many fleets, with controls, as JSON data.
+def replay_study(path: Path, fleets: int, on_table: int, cap: int, seed: int) -> Study:
+    """Return the study of what sharing is worth, with controls; each trial is a fleet.
 
     Parameters
     ----------
-    table
-        Of :func:`simulate.study.attempt_table.read_attempts`.
+    path
+        Table of attempts, as :func:`simulate.study.attempt_table.read_attempts` takes it.
     fleets, on_table
         Number of fleets, and products of each; at least 1.
     cap
@@ -79,43 +83,82 @@ def replay(
     """
     if fleets < 1 or on_table < 1:
         raise UsageError(f"--fleets and --table must be at least 1, got {fleets} and {on_table}")
-    usable = [product for product in table["products"] if product["arms"]]
+    usable = _usable(read_attempts(path))
     if on_table > len(usable):
         raise UsageError(f"a fleet takes {on_table} products, and the table has {len(usable)}")
-    policy, hand = Policy(), gripper_named(str(table["settings"]["hand"]))
-    player = Player(policy, hand, cap)
-    plain = Player(replace(policy, causes=False), hand, cap)
+    settings = {**attempts_named(path), "on_table": on_table, "cap": cap, "seed": seed}
+    return Study("replay", "simulate.fleet.replay:replay_trial", settings, fleets, _describe)
+
+
+def _usable(table: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [product for product in table["products"] if product["arms"]]
+
+
+def replay_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """Play one fleet.
+
+    Returns
+    -------
+    ``rows`` has for each condition the number of a product and the attempts of the first robot, the
+    second, and the second alone; ``without`` the product and the attempts of both robots without
+    causes.
+    """
+    table, cap = attempts_of(settings), settings["cap"]
+    usable, policy = _usable(table), Policy()
+    hand = gripper_named(str(table["settings"]["hand"]))
+    player, plain = Player(policy, hand, cap), Player(replace(policy, causes=False), hand, cap)
     rows: dict[str, list[list[int]]] = {name: [] for name in CONDITIONS}
     without: list[list[int]] = []
-    oracle = [_oracle(product) for product in usable]
-    for fleet in range(fleets):
-        rng = stream(seed, _REPLAY, fleet)
-        drawn = [int(i) for i in rng.choice(len(usable), on_table, replace=False)]
-        for i in drawn:
-            first_luck, two, other = (Luck.draw(rng, cap) for _ in range(3))
-            first = player.play(usable[i], first_luck)
-            alone = player.play(usable[i], two)
-            first_plain = plain.play(usable[i], first_luck)
-            recalled = first_plain if two.recognised else []
-            second_plain = plain.play(usable[i], two, recalled)
-            without.append([i, *(player.count(done) for done in (first_plain, second_plain))])
-            for name in CONDITIONS:
-                memory = _memory(name, i, usable, first, player, other, rng)
-                if memory is None:
-                    continue
-                second = player.play(usable[i], two, *memory) if two.recognised else alone
-                rows[name].append([i, *(player.count(done) for done in (first, second, alone))])
+    rng = stream(settings["seed"], _REPLAY, number)
+    for i in rng.choice(len(usable), settings["on_table"], replace=False).tolist():
+        first_luck, two, other = (Luck.draw(rng, cap) for _ in range(3))
+        first = player.play(usable[i], first_luck)
+        alone = player.play(usable[i], two)
+        first_plain = plain.play(usable[i], first_luck)
+        second_plain = plain.play(usable[i], two, first_plain if two.recognised else [])
+        without.append([i, *(player.count(done) for done in (first_plain, second_plain))])
+        for name in CONDITIONS:
+            memory = _memory(name, i, usable, first, player, other, rng)
+            if memory is None:
+                continue
+            second = player.play(usable[i], two, *memory) if two.recognised else alone
+            rows[name].append([i, *(player.count(done) for done in (first, second, alone))])
+    return {"rows": rows, "without": without}
+
+
+def summary_of(results: Results, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the effect of sharing over all fleets, with controls, as JSON data."""
+    usable = _usable(attempts_of(settings))
+    oracle = np.array([_oracle(product) for product in usable])
+    rows = {
+        name: np.array([row for result in results for row in result["rows"][name]])
+        for name in CONDITIONS
+    }
+    without = np.array([row for result in results for row in result["without"]])
     return {
-        "fleets": fleets,
+        "fleets": len(results),
         "products": len(usable),
         "oracle_first_try": round(float(np.mean(oracle)), 4),
-        "causes": _causes(np.array(rows["shared"]), np.array(without)),
+        "causes": _causes(rows["shared"], without),
         "conditions": {
-            name: _summary(np.array(outcomes), np.array(oracle))
-            for name, outcomes in rows.items()
-            if outcomes
+            name: _summary(outcomes, oracle) for name, outcomes in rows.items() if len(outcomes)
         },
     }
+
+
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    summary = summary_of(results, settings)
+    lines = [f"the best grasp of each product holds {summary['oracle_first_try']:.2f} of the time"]
+    for robot, effect in summary["causes"].items():
+        low, high = effect["interval95"]
+        lines.append(
+            f"{robot.replace('_', ' ')} without reasoning about hidden causes: "
+            f"{effect['without']:.2f} attempts; with it: {effect['with']:.2f}, "
+            f"{effect['change']:+.2f} [{low:+.2f}, {high:+.2f}]"
+        )
+    title = f"{len(results)} fleets of two robots, attempts to first success"
+    table = Table(title, COLUMNS, replay_rows(summary))
+    return Report(summary, [table], lines, file="replay.json")
 
 
 @dataclass(frozen=True)

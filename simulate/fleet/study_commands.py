@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,9 +9,8 @@ import click
 from click.core import ParameterSource
 
 from rtask.errors import UsageError
-from rtask.kb.durability.settings import write_durably
 from simulate import options
-from simulate.study.command import print_table, study_command
+from simulate.study.command import study_command
 
 if TYPE_CHECKING:
     from simulate.study.declaration import Study
@@ -69,7 +67,7 @@ def sharing(
     look_alikes: bool,
     from_attempts: Path | None,
     preset: str,
-) -> Study | None:
+) -> Study:
     """Measure the effect of sharing: fleets with one graph, and with one graph per robot.
 
     Half of each robot's objects are known to the robots before it; the other half are new to all.
@@ -78,12 +76,12 @@ def sharing(
 
     if from_attempts is not None:
         _refuse_given(
-            "robots", "objects", "prior", "products", "kinds", "look_alikes", "workers", "preset",
-            "resume",
+            "robots", "objects", "prior", "products", "kinds", "look_alikes", "preset",
         )  # fmt: skip
-        running = click.get_current_context().params
-        _replay(from_attempts, fleets, on_table, seed, running["out"], running["as_json"])
-        return None
+        from simulate.fleet.replay import replay_study
+        from simulate.fleet.sharing import MAX_ATTEMPTS
+
+        return replay_study(from_attempts, fleets, on_table, MAX_ATTEMPTS, seed)
     return sharing_study(
         fleets, robots, objects, on_table, seed, prior, preset, products=products, kinds=kinds,
         look_alikes=look_alikes,
@@ -100,34 +98,6 @@ def _refuse_given(*names: str) -> None:
                 f"{parameter.opts[0]} does not concern fleets replayed with --from-attempts: they "
                 "are of two robots, and the table says the rest"
             )
-
-
-def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_json: bool) -> None:
-    """Replay fleets from a table of attempts and print what sharing was worth."""
-    from simulate.fleet.replay import COLUMNS, replay, replay_rows
-    from simulate.fleet.sharing import MAX_ATTEMPTS
-    from simulate.study.attempt_table import read_attempts
-
-    summary = replay(read_attempts(table), fleets, on_table, MAX_ATTEMPTS, seed)
-    out.mkdir(parents=True, exist_ok=True)
-    write_durably(out / "replay.json", json.dumps(summary, indent=1) + "\n")
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
-    print_table(
-        f"{fleets} fleets of two robots, attempts to first success", COLUMNS, replay_rows(summary)
-    )
-    click.echo(
-        f"the best grasp of each product holds {summary['oracle_first_try']:.2f} of the time"
-    )
-    for robot, effect in summary["causes"].items():
-        low, high = effect["interval95"]
-        click.echo(
-            f"{robot.replace('_', ' ')} without reasoning about hidden causes: "
-            f"{effect['without']:.2f} attempts; with it: {effect['with']:.2f}, "
-            f"{effect['change']:+.2f} [{low:+.2f}, {high:+.2f}]"
-        )
-    click.echo(f"report  {out / 'replay.json'}")
 
 
 @study_command("rtask-unforeseen", with_preset=False)
@@ -181,7 +151,7 @@ def demo(
     return demo_study(demos, count, number, seed, products, kinds, max_attempts, preset)
 
 
-@click.command()
+@study_command("rtask-trust", with_preset=False)
 @click.option(
     "--from-attempts",
     required=True,
@@ -201,8 +171,6 @@ def demo(
 @options.objects_on_table
 @click.option("--rounds", default=3, show_default=True, help="Times each robot meets each object.")
 @options.seed()
-@options.out("rtask-trust")
-@options.json_flag("figures")
 def trust(
     from_attempts: Path,
     fleets: int,
@@ -212,36 +180,11 @@ def trust(
     on_table: int,
     rounds: int,
     seed: int,
-    out: Path,
-    as_json: bool,
-) -> None:
+) -> Study:
     """Measure what robots that report falsely cost the others, and how soon they are named."""
     from simulate.fleet.sharing import MAX_ATTEMPTS
-    from simulate.fleet.trust import COLUMNS, replay_trust, trust_rows
-    from simulate.study.attempt_table import read_attempts
+    from simulate.fleet.trust import trust_study
 
-    summary = replay_trust(
-        read_attempts(from_attempts), fleets, robots, liars, on_table, rounds, MAX_ATTEMPTS, seed,
-        lie,
-    )  # fmt: skip
-    out.mkdir(parents=True, exist_ok=True)
-    write_durably(out / "trust.json", json.dumps(summary, indent=1) + "\n")
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
-    print_table(
-        f"{fleets} fleets of {robots} robots, {liars} of them liars", COLUMNS, trust_rows(summary)
+    return trust_study(
+        from_attempts, fleets, robots, liars, on_table, rounds, MAX_ATTEMPTS, seed, lie
     )
-    more = summary["weighed_less_left_out"]
-    click.echo(
-        "weighing reports adds {:+.3f} [{:+.3f}, {:+.3f}] to leaving liars out".format(
-            more["change"], *more["interval95"]
-        )
-    )
-    click.echo(
-        f"named: {summary['liars_named']} of {summary['of_liars']} liars, "
-        f"{summary['liars_named_within_50']} within 50 of their reports; "
-        f"{summary['truthful_named']} of {summary['of_truthful']} truthful robots by mistake, "
-        f"{summary['truthful_named_for_a_while']} for a while"
-    )
-    click.echo(f"report  {out / 'trust.json'}")

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,10 +23,12 @@ from rtask.engine.honesty import Reports, judge_honesty
 from rtask.engine.policy import Policy
 from rtask.errors import UsageError
 from simulate.fleet.replay import Luck, Player, ReportedGrasp
+from simulate.study.attempt_table import attempts_named, attempts_of, read_attempts
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import bootstrap
 from simulate.world.seeds import stream
 
-__all__ = ["COLUMNS", "LIES", "replay_trust", "trust_rows"]
+__all__ = ["COLUMNS", "LIES", "summary_of", "trust_rows", "trust_study", "trust_trial"]
 
 LIES = ("flipped", "held", "random")
 """What liars report: the opposite, that every grasp held, or anything."""
@@ -59,16 +62,16 @@ class _Fleet:
     attempts: list[int] = field(default_factory=list)
 
 
-def replay_trust(
-    table: Mapping[str, Any], fleets: int, robots: int, liars: int, on_table: int, rounds: int,
-    cap: int, seed: int, lie: str = "flipped", policy: Policy | None = None,
-) -> dict[str, Any]:  # fmt: skip
-    """Return what liars cost the others, and how soon they are named, as JSON data.
+def trust_study(
+    path: Path, fleets: int, robots: int, liars: int, on_table: int, rounds: int, cap: int,
+    seed: int, lie: str = "flipped",
+) -> Study:  # fmt: skip
+    """Return the study of what liars cost the others; each trial is a fleet.
 
     Parameters
     ----------
-    table
-        Of :func:`simulate.study.attempt_table.read_attempts`.
+    path
+        Table of attempts, as :func:`simulate.study.attempt_table.read_attempts` takes it.
     robots, liars
         Robots of a fleet, and how many of them report falsely.
     on_table, rounds
@@ -90,30 +93,54 @@ def replay_trust(
         )
     if lie not in LIES:
         raise UsageError(f"--lie: expected one of {', '.join(LIES)}, got {lie!r}")
-    products = [product for product in table["products"] if product["arms"]]
+    products = [product for product in read_attempts(path)["products"] if product["arms"]]
     if on_table > len(products):
         raise UsageError(f"a fleet takes {on_table} products, and the table has {len(products)}")
-    player = Player(policy or Policy(), gripper_named(str(table["settings"]["hand"])), cap)
-    rows: list[list[float]] = []
-    named: list[int] = []
-    falsely = once = 0
-    for number in range(fleets):
-        played = {
-            name: _play(name, player, products, number, robots, liars, on_table, rounds, seed, lie)
-            for name in _CONDITIONS
-        }
-        row: list[float] = []
-        for fleet in played.values():
-            held = float(np.mean([held for _, held in fleet.first]))
-            row += [held, float(np.mean(fleet.attempts))]
-        rows.append(row)
-        named_by_robot = played["weighed"].named
-        once += sum(robot >= liars for robot in played["weighed"].ever)
-        named += [named_by_robot.get(robot, -1) for robot in range(liars)]
-        falsely += sum(robot >= liars for robot in named_by_robot)
-    summary, better = _summary(np.array(rows))
+    settings = {
+        **attempts_named(path), "robots": robots, "liars": liars, "on_table": on_table,
+        "rounds": rounds, "cap": cap, "seed": seed, "lie": lie,
+    }  # fmt: skip
+    return Study("trust", "simulate.fleet.trust:trust_trial", settings, fleets, _describe)
+
+
+def trust_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """Play one fleet under all conditions.
+
+    Returns
+    -------
+    ``row`` has the share of first tries that held and the mean attempts of each condition; the
+    rest how many reports each liar had made when it was named, or -1, and how many truthful robots
+    are named in the end, and were for a while.
+    """
+    table = attempts_of(settings)
+    products = [product for product in table["products"] if product["arms"]]
+    player = Player(Policy(), gripper_named(str(table["settings"]["hand"])), settings["cap"])
+    robots, liars = settings["robots"], settings["liars"]
+    played = {
+        name: _play(name, player, products, number, robots, liars, settings["on_table"],
+                    settings["rounds"], settings["seed"], settings["lie"])
+        for name in _CONDITIONS
+    }  # fmt: skip
+    row: list[float] = []
+    for fleet in played.values():
+        row += [float(np.mean([held for _, held in fleet.first])), float(np.mean(fleet.attempts))]
+    named = played["weighed"].named
     return {
-        "fleets": fleets, "robots": robots, "liars": liars, "products": on_table, "lie": lie,
+        "row": row,
+        "named": [named.get(robot, -1) for robot in range(liars)],
+        "falsely": sum(robot >= liars for robot in named),
+        "for_a_while": sum(robot >= liars for robot in played["weighed"].ever),
+    }
+
+
+def summary_of(results: Results, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what liars cost the others, and how soon they are named, as JSON data."""
+    summary, better = _summary(np.array([result["row"] for result in results]))
+    named = [n for result in results for n in result["named"]]
+    robots, liars = settings["robots"], settings["liars"]
+    return {
+        "fleets": len(results), "robots": robots, "liars": liars,
+        "products": settings["on_table"], "lie": settings["lie"],
         "conditions": summary,
         "weighed_less_left_out": better,
         "liars_named": sum(n >= 0 for n in named),
@@ -121,10 +148,27 @@ def replay_trust(
         "of_liars": len(named),
         "reports_until_named": None if max(named, default=-1) < 0
         else float(np.median([n for n in named if n >= 0])),
-        "truthful_named": falsely,
-        "truthful_named_for_a_while": once,
-        "of_truthful": fleets * (robots - liars),
+        "truthful_named": sum(result["falsely"] for result in results),
+        "truthful_named_for_a_while": sum(result["for_a_while"] for result in results),
+        "of_truthful": len(results) * (robots - liars),
     }  # fmt: skip
+
+
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    summary = summary_of(results, settings)
+    more = summary["weighed_less_left_out"]
+    lines = (
+        "weighing reports adds {:+.3f} [{:+.3f}, {:+.3f}] to leaving liars out".format(
+            more["change"], *more["interval95"]
+        ),
+        f"named: {summary['liars_named']} of {summary['of_liars']} liars, "
+        f"{summary['liars_named_within_50']} within 50 of their reports; "
+        f"{summary['truthful_named']} of {summary['of_truthful']} truthful robots by mistake, "
+        f"{summary['truthful_named_for_a_while']} for a while",
+    )
+    title = f"{len(results)} fleets of {settings['robots']} robots, {settings['liars']} of them "
+    table = Table(title + "liars", COLUMNS, trust_rows(summary))
+    return Report(summary, [table], lines, file="trust.json")
 
 
 def _play(

@@ -216,7 +216,7 @@ def _asked_jaws(error: NoHandError) -> tuple[str, str]:
 @click.option("--grasps", default=10, show_default=True, help="Products to grasp; 0 = none.")
 @options.seed("products, places and noise")
 @options.preset
-@options.workers
+@options.workers()
 @json_option
 def check(name: str, grasps: int, seed: int, preset: str, workers: int, as_json: bool) -> None:
     """Check a robot: reach, home posture, closing hands, and grasps of products.
@@ -331,7 +331,7 @@ def survey(
 )  # fmt: skip
 @options.seed("products, places and noise")
 @options.preset
-@options.workers
+@options.workers()
 @listing_option
 @json_option
 def first_grasps_of(

@@ -5,9 +5,11 @@ Fleets are replayed from it (:mod:`simulate.fleet.replay`): many more than whole
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,10 @@ from simulate.world.objects import PRODUCTS, ObjectSpec, sample_products
 from simulate.world.seeds import stream
 from simulate.world.world import World
 
-__all__ = ["Defect", "attempt_study", "attempt_trial", "read_attempts", "try_product"]
+__all__ = [
+    "Defect", "attempt_study", "attempt_trial", "attempts_named", "attempts_of", "read_attempts",
+    "try_product",
+]  # fmt: skip
 
 _DRAW, _NOISE = 60, 61
 _NOISE_M, _NOISE_Z_M, _NOISE_RAD = 0.002, 0.001, float(np.deg2rad(3.0))
@@ -180,6 +185,39 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
         more={"format": _FORMAT, "settings": dict(settings), "products": products},
         file="attempts.json",
     )
+
+
+def attempts_named(path: Path) -> dict[str, str]:
+    """Return settings by which trials find a table, and by which another one is noticed.
+
+    Raises
+    ------
+    UsageError
+        As :func:`read_attempts`.
+    """
+    read_attempts(path)
+    return {
+        "attempts": str(path.resolve()),
+        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+    }
+
+
+def attempts_of(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the table of :func:`attempts_named`.
+
+    Raises
+    ------
+    UsageError
+        It has changed since then.
+    """
+    return _read_once(settings["attempts"], settings["sha256"])
+
+
+@lru_cache(maxsize=1)
+def _read_once(path: str, sha256: str) -> dict[str, Any]:
+    if hashlib.sha256(Path(path).read_bytes()).hexdigest() != sha256:
+        raise UsageError(f"{path} has changed since the study began; name another output folder")
+    return read_attempts(Path(path))
 
 
 def read_attempts(path: Path) -> dict[str, Any]:

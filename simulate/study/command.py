@@ -18,16 +18,20 @@ if TYPE_CHECKING:
 
 __all__ = ["print_table", "publish", "study_command"]
 
-Declare = Callable[..., "Study | None"]
+Declare = Callable[..., "Study"]
 
 
 def study_command(
-    out: str, name: str | None = None, what: str = "figures", with_preset: bool = True
+    out: str,
+    name: str | None = None,
+    what: str = "figures",
+    with_preset: bool = True,
+    processes: int = 2,
 ) -> Callable[[Declare], click.Command]:
     """Return a decorator that makes a command of a function which returns a study.
 
     The function has the options of the study alone; how to run it (``--workers``, ``--out``,
-    ``--resume``, ``--json``) is added here. It may return None when it has printed its answer.
+    ``--resume``, ``--json``) is added here.
 
     Parameters
     ----------
@@ -40,17 +44,17 @@ def study_command(
     with_preset
         Whether the study has physics that may be faithful or fast; the function then takes
         ``preset``.
+    processes
+        How many, unless the user says otherwise: one where times are measured, or for one trial.
     """
 
     def decorate(declare: Declare) -> click.Command:
         @functools.wraps(declare)
         def command(workers: int, out: Path, resume: bool, as_json: bool, **given: Any) -> None:
-            study = declare(**given)
-            if study is not None:
-                _carry_out(study, out, workers, resume, as_json)
+            _carry_out(declare(**given), out, workers, resume, as_json)
 
         decorated: Callable[..., None] = command
-        running = _running(out, what, with_preset)
+        running = _running(out, what, with_preset, processes)
         for option in running:
             decorated = option(decorated)
         made = click.command(name)(decorated)
@@ -61,10 +65,10 @@ def study_command(
     return decorate
 
 
-def _running(out: str, what: str, with_preset: bool) -> list[options.Option]:
+def _running(out: str, what: str, with_preset: bool, processes: int) -> list[options.Option]:
     """Return the options of how to run a study, the last of its help first."""
     kept: list[options.Option] = [options.json_flag(what), options.resume, options.out(out)]
-    return [*kept, *([options.preset] if with_preset else []), options.workers]
+    return [*kept, *([options.preset] if with_preset else []), options.workers(processes)]
 
 
 def _carry_out(study: Study, out: Path, workers: int, resume: bool, as_json: bool) -> None:

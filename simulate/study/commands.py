@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING
 
 import click
 
@@ -70,51 +68,26 @@ def learn(objects: int, seed: int, orders: int, preset: str) -> Study:
     return outcome_study(objects, seed, preset=preset, orders=orders)
 
 
-@click.command()
+@study_command("rtask-table4", what="times", with_preset=False, processes=1)
 @click.option("--objects", default=111, show_default=True, help="Objects in the store.")
 @options.seed("products and views")
 @click.option("--repeats", default=10, show_default=True, help="Repetitions of each query.")
-@options.json_flag("times")
-def table4(objects: int, seed: int, repeats: int, as_json: bool) -> None:
+def table4(objects: int, seed: int, repeats: int) -> Study:
     """Time the retrieval of objects, as in Table 4 of Gatto 2016.
 
     A server holds a view of each of 111 products, as many as the thesis's data set; four are then
     queried over the websocket with new views.
     """
-    import os
+    from simulate.study.tables import retrieval_study
 
-    with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
-        os.dup2(2, 1)  # Bullet and Mesa write there
-        from simulate.study.tables import table_4_times
-
-        rows = table_4_times(objects, seed, repeats)
-        _print_times(rows, as_json, out)
+    return retrieval_study(objects, seed, repeats)
 
 
-@click.command()
+@study_command("rtask-table5", what="times", processes=1)
 @click.option("--repeats", default=3, show_default=True, help="Successful grasps per kind.")
 @options.seed("products and places")
-@options.preset
-@options.json_flag("times")
-def table5(repeats: int, seed: int, preset: str, as_json: bool) -> None:
+def table5(repeats: int, seed: int, preset: str) -> Study:
     """Time grasps from (X, Y, theta), as in Table 5 of Gatto 2016."""
-    import os
+    from simulate.study.tables import grasp_study
 
-    with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
-        os.dup2(2, 1)  # Bullet and Mesa write there
-        from simulate.study.runner import Progress
-        from simulate.study.tables import TABLE_5, grasp_times
-
-        progress = Progress(repeats * len(TABLE_5), 0)
-        _print_times(grasp_times(repeats, seed, preset, progress.step), as_json, out)
-
-
-def _print_times(rows: Sequence[Mapping[str, Any]], as_json: bool, out: TextIO) -> None:
-    if as_json:
-        click.echo(json.dumps(list(rows)), out)
-        return
-    for number, row in enumerate(rows):
-        if not number:
-            click.echo("  ".join(f"{name:>12}" for name in row), out)
-        cells = (f"{v:12.3f}" if isinstance(v, float) else f"{v!s:>12}" for v in row.values())
-        click.echo("  ".join(cells), out)
+    return grasp_study(repeats, seed, preset)

@@ -8,6 +8,7 @@ A command returns a :class:`Study`; progress, journal, tables, charts and JSON a
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -64,7 +65,7 @@ def _nothing(results: Results, settings: Mapping[str, Any], folder: Path) -> Rep
 
 @dataclass(frozen=True)
 class Study:
-    """An experiment of independent trials.
+    """An experiment of independent trials; one computation is a study of one trial.
 
     Parameters
     ----------
@@ -87,6 +88,11 @@ class Study:
     settings: Mapping[str, Any]
     trials: int
     describe: Describe = _nothing
+
+    @property
+    def slug(self) -> str:
+        """The name as that of a folder."""
+        return re.sub(r"[^a-z0-9]+", "-", self.name.lower()).strip("-")
 
     def in_process(self) -> list[dict[str, Any]]:
         """Run all trials here, without journal, and return their results in order."""

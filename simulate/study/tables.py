@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,16 @@ from simulate.agent.scoring import Scorer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.demo.processes import Endpoint
 from simulate.grasping.executor import GraspRequest, PlannedGrasp
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.world.camera import Lighting
 from simulate.world.objects import Kind, ObjectSpec, product, sample_objects
 from simulate.world.scene import arrange
 from simulate.world.seeds import stream
 
-__all__ = ["TABLE_4", "TABLE_5", "fill", "grasp_times", "looks_at", "retrieval_times",
-           "table_4_times"]  # fmt: skip
+__all__ = [
+    "TABLE_4", "TABLE_5", "fill", "grasp_study", "looks_at", "retrieval_study",
+    "retrieval_times", "table_4_times", "time_grasps", "time_retrievals",
+]  # fmt: skip
 
 TABLE_4: Mapping[str, float] = {
     "object 1": 5.531, "object 2": 4.995, "object 3": 4.350, "object 4": 6.014,
@@ -129,6 +132,18 @@ def retrieval_times(
     return rows
 
 
+def retrieval_study(objects: int, seed: int, repeats: int) -> Study:
+    """Return the study of Table 4: one server is filled and asked, so that it is one trial."""
+    settings = {"seed": seed, "objects": objects, "repeats": repeats}
+    trial = "simulate.study.tables:time_retrievals"
+    return Study("times of retrieval", trial, settings, 1, _describe)
+
+
+def time_retrievals(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """Return the rows of Table 4."""
+    return {"rows": table_4_times(settings["objects"], settings["seed"], settings["repeats"])}
+
+
 def table_4_times(objects: int, seed: int, repeats: int) -> list[dict[str, Any]]:
     """Return the times of :func:`simulate.study.tables.retrieval_times` of a server of our own."""
     with tempfile.TemporaryDirectory(prefix="rtask-table-") as folder:
@@ -149,36 +164,48 @@ def table_4_times(objects: int, seed: int, repeats: int) -> list[dict[str, Any]]
             endpoint.stop()
 
 
-def grasp_times(
-    repeats: int,
-    seed: int,
-    preset: str = "faithful",
-    on_grasp: Callable[[str], None] = lambda words: None,
-) -> list[dict[str, Any]]:
-    """Plan and execute planar grasps (X, Y, theta) of each kind; return median times, s.
+def grasp_study(repeats: int, seed: int, preset: str = "faithful") -> Study:
+    """Return the study of Table 5; each trial is of one kind, planned from (X, Y, theta)."""
+    settings = {"seed": seed, "repeats": repeats, "preset": preset}
+    return Study(
+        "times of grasps", "simulate.study.tables:time_grasps", settings, len(TABLE_5), _describe
+    )
 
-    ``plan_s`` is computing time; ``grasp_s`` the time of motion until the object has been lifted
-    and held for two seconds; ``place_s`` the motion into the box and home. Only grasps that held
-    are counted. ``on_grasp`` is called ``repeats`` times for each kind, with words about the grasp.
+
+def time_grasps(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """Plan and execute planar grasps of the kind of that number until enough have held.
+
+    Returns
+    -------
+    One row with median times, s: ``plan_s`` is computing time; ``grasp_s`` the time of motion until
+    the object has been lifted and held for two seconds; ``place_s`` the motion into the box and
+    home. Only grasps that held are counted.
     """
-    rows = []
-    for kind, thesis in TABLE_5.items():
-        done: list[dict[str, float]] = []
-        for number in range(_ATTEMPTS * repeats):
-            if len(done) == repeats:
-                break
-            times = _timed_grasp(kind, seed, number, preset)
-            if times is not None:
-                done.append(times)
-                on_grasp(f"{kind}: held")
-        for _ in range(len(done), repeats):
-            on_grasp(f"{kind}: not held")
-        medians = {
-            name: statistics.median(times[name] for times in done) if done else None
-            for name in ("plan_s", "grasp_s", "place_s")
-        }
-        rows.append({"object": kind, "held": len(done), **medians, "thesis_s": thesis})
-    return rows
+    kind = tuple(TABLE_5)[number]
+    done: list[dict[str, float]] = []
+    for attempt in range(_ATTEMPTS * settings["repeats"]):
+        if len(done) == settings["repeats"]:
+            break
+        times = _timed_grasp(kind, settings["seed"], attempt, settings["preset"])
+        if times is not None:
+            done.append(times)
+    medians = {
+        name: statistics.median(times[name] for times in done) if done else None
+        for name in ("plan_s", "grasp_s", "place_s")
+    }
+    row = {"object": kind, "held": len(done), **medians, "thesis_s": TABLE_5[kind]}
+    return {"rows": [row], "says": f"{kind}: {len(done)} held"}
+
+
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    """Report rows of times as they are."""
+    rows = [row for result in results for row in result["rows"]]
+    columns = list(rows[0]) if rows else []
+    cells = [
+        [f"{v:.3f}" if isinstance(v, float) else "-" if v is None else str(v) for v in row.values()]
+        for row in rows
+    ]
+    return Report({"seed": settings["seed"], "rows": rows}, [Table("Times, s", columns, cells)])
 
 
 def _timed_grasp(kind: Kind, seed: int, number: int, preset: str) -> dict[str, float] | None:

@@ -17,19 +17,20 @@ Kind = Literal["table", "fig", "algorithm", "listing", "experiment", "capability
 State = Literal["compared", "shown", "done differently", "not applicable"]
 
 
-_MODULES = {
-    "beyond": "simulate.thesis.runs.beyond",
-    "features": "simulate.thesis.runs.features",
-    "model": "simulate.thesis.runs.model",
-    "poses": "simulate.thesis.runs.poses",
-    "push_figures": "simulate.thesis.runs.push_figures",
-    "push_nodes": "simulate.thesis.runs.push_nodes",
-    "push_pose": "simulate.thesis.runs.push_pose",
-    "push_tables": "simulate.thesis.runs.push_tables",
-    "recognition": "simulate.thesis.runs.recognition",
-    "robots": "simulate.thesis.runs.robots",
-    "sense": "simulate.thesis.runs.sense",
+_MATERIAL = {
+    "simulate.thesis.runs.beyond": "",
+    "simulate.thesis.runs.features": "simulated tables",
+    "simulate.thesis.runs.model": "simulated products",
+    "simulate.thesis.runs.poses": "simulated products",
+    "simulate.thesis.runs.push_figures": "stand-in outlines",
+    "simulate.thesis.runs.push_nodes": "stand-in outlines",
+    "simulate.thesis.runs.push_pose": "parts of our drawing",
+    "simulate.thesis.runs.push_tables": "stand-in outlines",
+    "simulate.thesis.runs.recognition": "simulated products",
+    "simulate.thesis.runs.robots": "a simulated Nao",
+    "simulate.thesis.runs.sense": "simulated tables",
 }
+"""Modules of runs, and what stands in there for what the thesis did not publish."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,8 @@ class Entry:
         :class:`~simulate.thesis.result.Setting`.
     why
         Reason of the last two states, or a remark.
+    material
+        What stands in for what the thesis did not publish, if not what its module uses.
     """
 
     thesis: Thesis
@@ -64,11 +67,17 @@ class Entry:
     state: State
     run: str = ""
     why: str = ""
+    material: str = ""
 
     def __post_init__(self) -> None:
         runs = self.state in ("compared", "shown")
         if runs != bool(self.run) or not (runs or self.why):
             raise ValueError(f"{self.name}: {self.state!r} needs a run or a reason")
+
+    @property
+    def stand_in(self) -> str:
+        """What every row of the run is measured on, in a few words; "" = nothing stands in."""
+        return self.material or _MATERIAL.get(self._module, "")
 
     @property
     def name(self) -> str:
@@ -96,8 +105,10 @@ class Entry:
         """
         if not self.run:
             raise LookupError(f"{self.name} has no run: {self.why}")
-        module, _, function = self.run.partition(":")
-        work: Callable[[Setting], Result] = getattr(
-            importlib.import_module(_MODULES[module]), function
-        )
+        function = self.run.partition(":")[2]
+        work: Callable[[Setting], Result] = getattr(importlib.import_module(self._module), function)
         return work(setting)
+
+    @property
+    def _module(self) -> str:
+        return f"simulate.thesis.runs.{self.run.partition(':')[0]}"

@@ -10,9 +10,9 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from simulate.thesis.result import Compared, Setting
+from simulate.thesis.result import Setting
 from simulate.thesis.running import Outcome
-from simulate.thesis.words import VERDICTS, cells
+from simulate.thesis.words import COLUMNS, VERDICTS, cells, distinct, tolerances, worse_rows
 
 __all__ = ["to_html", "write_markdown"]
 
@@ -34,11 +34,12 @@ _LARGEST_PICTURE = 60_000
 def _heading(setting: Setting, machine: Mapping[str, Any], outcomes: Sequence[Outcome]) -> str:
     counts = Counter(outcome.verdict for outcome in outcomes)
     verdicts = ", ".join(f"{counts[v]} {v}" for v in VERDICTS if counts[v])
-    figures: Counter[str] = Counter(row.verdict for row in _distinct_rows(outcomes))
+    rows = (row for o in distinct(outcomes) for row in (o.result.rows if o.result else ()))
+    figures: Counter[str] = Counter(row.verdict for row in rows)
     compared = ", ".join(
         f"{figures[v]} {v}" for v in VERDICTS if figures[v] and v != "not compared"
     )
-    spent = sum({o.entry.run: o.seconds for o in outcomes if o.entry.run}.values())
+    spent = sum(outcome.seconds for outcome in distinct(outcomes))
     sizes = "smaller sizes (--fast), named in each entry" if setting.fast else "full sizes"
     return (
         f"{len(outcomes)} entries, each with the gravest verdict of its figures: {verdicts}. "
@@ -48,10 +49,16 @@ def _heading(setting: Setting, machine: Mapping[str, Any], outcomes: Sequence[Ou
     )
 
 
-def _distinct_rows(outcomes: Sequence[Outcome]) -> list[Compared]:
-    """Return the figures of all runs, each run once."""
-    runs = {o.entry.run: o.result for o in outcomes if o.result is not None}
-    return [row for result in runs.values() for row in result.rows]
+def _worse(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
+    """Return name, what, ours, thesis and reason of each figure that is worse."""
+    by_entry = {outcome.entry: outcome for outcome in outcomes}
+    return [
+        (entry.name, *cells(row, by_entry[entry])[:3], row.because or "not known")
+        for entry, row in worse_rows(outcomes)
+    ]
+
+
+_WORSE = ("entry", *COLUMNS[:3], "why")
 
 
 def to_html(setting: Setting, machine: Mapping[str, Any], outcomes: Sequence[Outcome]) -> str:
@@ -65,6 +72,8 @@ def to_html(setting: Setting, machine: Mapping[str, Any], outcomes: Sequence[Out
         "<ul>",
         *(f"<li><b>{escape(v)}</b>: {escape(words)}" for v, words in VERDICTS.items()),
         "</ul>",
+        "<h2>Worse than the theses</h2>",
+        *_html_table(_WORSE, _worse(outcomes)),
     ]
     for outcome in outcomes:
         entry, verdict = outcome.entry, outcome.verdict
@@ -88,20 +97,22 @@ def _about(outcome: Outcome) -> str:
     return words + (f" {outcome.error}" if outcome.error else "")
 
 
+def _html_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return [
+        "<table><tr>" + "".join(f"<th>{escape(column)}" for column in columns),
+        *("<tr>" + "".join(f"<td>{escape(cell)}" for cell in row) for row in rows),
+        "</table>",
+    ]
+
+
 def _html_result(outcome: Outcome) -> list[str]:
     result = outcome.result
     assert result is not None  # checked by the caller
     parts = []
     if result.rows:
-        parts.append("<table><tr><th>what<th>ours<th>thesis<th>verdict")
-        parts += ["<tr>" + "".join(f"<td>{escape(c)}" for c in cells(row)) for row in result.rows]
-        parts.append("</table>")
-    parts += [f'<p class="note">{escape(note)}</p>' for note in result.notes]
-    parts += [
-        f'<p class="note">{escape(row.what)}: tolerance {row.tolerance:g}: {escape(row.reason)}</p>'
-        for row in result.rows
-        if row.tolerance is not None
-    ]
+        parts += _html_table(COLUMNS, [cells(row, outcome) for row in result.rows])
+    notes = (*result.notes, *tolerances(result.rows))
+    parts += [f'<p class="note">{escape(note)}</p>' for note in notes]
     for caption, picture in result.pictures.items():
         if isinstance(picture, bytes):
             data = base64.b64encode(picture).decode("ascii")
@@ -127,11 +138,16 @@ def write_markdown(
         "# The tables and figures of two theses, and ours",
         "",
         "Written by `rtask thesis all --markdown docs`; every figure below is of that run.",
-        "`rtask thesis show NAME` runs one entry again, in full size.",
+        "`rtask thesis show NAME` runs one entry again, in full size. The figures that are worse",
+        "stand first; each entry bears the gravest verdict of its own.",
         "",
         _heading(setting, machine, outcomes),
         "",
         *(f"- **{verdict}**: {words}" for verdict, words in VERDICTS.items()),
+        "",
+        "## Worse than the theses",
+        "",
+        *_markdown_table(_WORSE, _worse(outcomes)),
     ]
     drawn: set[str] = set()
     for outcome in outcomes:
@@ -151,15 +167,21 @@ def write_markdown(
     return path
 
 
+def _markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return [
+        "| " + " | ".join(columns) + " |",
+        "|" + "---|" * len(columns),
+        *("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows),
+    ]
+
+
 def _markdown_result(outcome: Outcome, pictures: Path) -> list[str]:
     result = outcome.result
     assert result is not None  # checked by the caller
     lines = []
     if result.rows:
-        lines += ["", "| what | ours | thesis | verdict |", "|---|---|---|---|"]
-        lines += ["| " + " | ".join(c.replace("|", "\\|") for c in cells(row)) + " |"
-                  for row in result.rows]  # fmt: skip
-    lines += ["", *(f"- {note}" for note in result.notes)]
+        lines += ["", *_markdown_table(COLUMNS, [cells(row, outcome) for row in result.rows])]
+    lines += ["", *(f"- {note}" for note in (*result.notes, *tolerances(result.rows)))]
     for caption, picture in result.pictures.items():
         data = picture if isinstance(picture, bytes) else picture.encode("utf-8")
         if len(data) <= _LARGEST_PICTURE:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from simulate.study.declaration import Study
 from simulate.study.intervals import wilson
+from simulate.study.runner import run
 
-__all__ = ["Compared", "Result", "Setting", "Verdict", "overall", "share_of"]
+__all__ = ["Compared", "Result", "Setting", "Verdict", "counted", "overall", "share_of"]
 
 Verdict = Literal["reproduced", "better", "worse", "different", "too few to tell", "not compared"]
 
@@ -21,6 +25,8 @@ _GRAVITY: tuple[Verdict, ...] = (
 
 _WIDEST_SHARE = 0.4
 """A share known no better than this agrees with nearly every figure."""
+_SMALLER = "(--fast)"
+"""Ends the note on each size that is smaller than the thesis's."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +42,28 @@ class Setting:
         Determines every draw.
     images
         Folder of photographs of 640 x 480 that stand in for the first thesis's; None = simulated.
+    journals
+        Folder for the journals of studies; None = they are run here, without one.
+    resume
+        Whether to take over the trials that an interrupted run left there.
+    workers
+        Processes for the trials of studies with a journal.
     """
 
     fast: bool = True
     seed: int = 0
     images: Path | None = None
+    journals: Path | None = None
+    resume: bool = False
+    workers: int = 1
+
+    def trials(self, study: Study) -> list[dict[str, Any]]:
+        """Run the trials of a study, those that its journal lacks, and return their results."""
+        if self.journals is None:
+            return study.in_process()
+        described = json.dumps([study.name, study.settings], sort_keys=True).encode()
+        name = f"{study.slug}-{hashlib.sha256(described).hexdigest()[:8]}"
+        return run(study, self.journals / name, self.workers, self.resume)
 
     def size(self, whole: int, fast: int) -> int:
         """Return the size to use."""
@@ -49,7 +72,7 @@ class Setting:
     def shrunk(self, what: str, whole: int, fast: int) -> tuple[str, ...]:
         """Return the note that a size is smaller than the thesis's; none where it is not."""
         return (
-            (f"{what}: {fast} instead of {whole} (--fast)",) if self.fast and fast < whole else ()
+            (f"{what}: {fast} instead of {whole} {_SMALLER}",) if self.fast and fast < whole else ()
         )
 
 
@@ -73,6 +96,8 @@ class Compared:
         Which way is better; "" where neither is.
     widest
         Width of the interval above which it says nothing, although it holds theirs.
+    because
+        Why ours is worse or may be, for the list of figures that are.
     """
 
     what: str
@@ -84,6 +109,7 @@ class Compared:
     reason: str = ""
     better: Literal["higher", "lower", ""] = ""
     widest: float = math.inf
+    because: str = ""
 
     def __post_init__(self) -> None:
         if self.tolerance is not None and not self.reason:
@@ -98,8 +124,10 @@ class Compared:
             is_wide = self.interval[1] - self.interval[0] > self.widest
             return "too few to tell" if is_wide else "reproduced"
         off = self.ours - self.theirs
-        if off == 0 or (self.tolerance is not None and abs(off) <= self.tolerance):
+        if self.tolerance is not None and abs(off) <= self.tolerance:
             return "reproduced"
+        if off == 0:
+            return "too few to tell"  # equal, with neither an interval nor a tolerance
         if not self.better:
             return "different"
         return "better" if (off > 0) == (self.better == "higher") else "worse"
@@ -115,6 +143,7 @@ class Compared:
             "verdict": self.verdict,
             "tolerance": self.tolerance,
             "tolerance_reason": self.reason or None,
+            "because": self.because or None,
         }
 
 
@@ -130,11 +159,19 @@ class Result:
         Sentences on what differs from the thesis's set-up, stand-ins and shrunk sizes first.
     pictures
         SVG documents (str) or PNG images (bytes), by caption.
+    stand_in
+        What stands in for what the thesis did not publish, if not what the entry says.
     """
 
     rows: tuple[Compared, ...] = ()
     notes: tuple[str, ...] = ()
     pictures: Mapping[str, str | bytes] = field(default_factory=dict)
+    stand_in: str = ""
+
+    @property
+    def is_smaller(self) -> bool:
+        """Whether a size is smaller than the thesis's."""
+        return any(_SMALLER in note for note in self.notes)
 
     @property
     def verdict(self) -> Verdict:
@@ -151,6 +188,11 @@ def overall(verdicts: Iterable[Verdict]) -> Verdict:
     given = set(verdicts)
     compared = given - {"not compared"}
     return next((v for v in _GRAVITY if v in (compared or given)), "not compared")
+
+
+def counted(what: str, ours: float, theirs: float | None = None, **more: Any) -> Compared:
+    """Return a number that follows from a construction, without chance: equal or not."""
+    return Compared(what, ours, theirs, tolerance=0.0, reason="counted, without chance", **more)
 
 
 def share_of(what: str, hits: int, n: int, theirs: float | None = None, **more: Any) -> Compared:

@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
-from simulate.thesis.result import Compared
+from collections.abc import Iterable
 
-__all__ = ["VERDICTS", "cells", "number"]
+from simulate.thesis.entry import Entry
+from simulate.thesis.result import Compared
+from simulate.thesis.running import Outcome, machine
+
+__all__ = [
+    "COLUMNS", "VERDICTS", "cells", "distinct", "machine_words", "number", "tolerances",
+    "worse_rows",
+]  # fmt: skip
+
+COLUMNS = ("what", "ours [95 %]", "thesis", "verdict", "measured on")
+"""Of :func:`cells`."""
 
 VERDICTS = {
     "reproduced": "our interval holds the thesis's figure, or both agree within the tolerance",
@@ -33,11 +43,55 @@ def number(value: float | None) -> str:
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
-def cells(row: Compared) -> tuple[str, str, str, str]:
-    """Return what is measured, ours with its interval, the thesis's, and the verdict."""
+def cells(row: Compared, outcome: Outcome) -> tuple[str, ...]:
+    """Return the columns of a row; the last names stand-ins, and sizes that are smaller."""
     unit = f" {row.unit}" if row.unit else ""
     ours = number(row.ours) + (unit if row.ours is not None else "")
     if row.interval is not None and row.ours is not None:
         ours += f" [{number(row.interval[0])}, {number(row.interval[1])}]"
     theirs = number(row.theirs) + (unit if row.theirs is not None else "")
-    return row.what, ours, theirs, row.verdict
+    return row.what, ours, theirs, row.verdict, _measured_on(outcome)
+
+
+def _measured_on(outcome: Outcome) -> str:
+    result = outcome.result
+    assert result is not None  # it has rows
+    parts = (result.stand_in or outcome.entry.stand_in, "smaller" if result.is_smaller else "")
+    return ", ".join(part for part in parts if part) or "-"
+
+
+def machine_words() -> str:
+    """Return what times depend on: processor, cores, load now, Python."""
+    here = machine()
+    return (
+        f"{here['cores']} cores of {here['processor']}, load {here['load']}, "
+        f"Python {here['python']}"
+    )
+
+
+def tolerances(rows: Iterable[Compared]) -> list[str]:
+    """Return a sentence for each tolerance that rows were judged by, and its reason."""
+    return [
+        f"{row.what}: tolerance {number(row.tolerance)}: {row.reason}"
+        for row in rows
+        if row.tolerance
+    ]
+
+
+def distinct(outcomes: Iterable[Outcome]) -> list[Outcome]:
+    """Return the first outcome of each run: several entries may show one."""
+    first: dict[str, Outcome] = {}
+    for outcome in outcomes:
+        if outcome.result is not None:
+            first.setdefault(outcome.entry.run, outcome)
+    return list(first.values())
+
+
+def worse_rows(outcomes: Iterable[Outcome]) -> list[tuple[Entry, Compared]]:
+    """Return every figure that is worse than the thesis's."""
+    return [
+        (outcome.entry, row)
+        for outcome in distinct(outcomes)
+        for row in (outcome.result.rows if outcome.result else ())
+        if row.verdict == "worse"
+    ]

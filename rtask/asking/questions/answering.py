@@ -21,6 +21,7 @@ from rtask.asking.questions.beliefs import (
     past_states,
 )
 from rtask.asking.questions.catalogue import Question
+from rtask.asking.questions.counting import Counting, counting, is_numeric, noun_counted
 from rtask.asking.questions.filling import Filled, fill, filled_query, unused_mentions
 from rtask.asking.questions.matching import NEAR, Asked, Match, matcher
 from rtask.asking.questions.mentions import (
@@ -46,6 +47,13 @@ MAX_ROWS = 200
 MAX_TEXT = 1000
 TIMEOUT_S = 10.0
 _LISTED = 3
+MIN_WORDED = 0.25
+"""Likeness below which words say too little for :data:`CLEARLY`: "wich boxes are there"."""
+CLEARLY = 0.03
+"""By how much the nearest question must be nearer than the next; less is a guess.
+
+Of what is nearer than this to two questions, about half would be answered with the wrong one.
+"""
 
 
 class Selectable(Protocol):
@@ -104,6 +112,8 @@ class Answer:
         Whether there are more rows.
     why
         Addresses, on a server, of what the numbers of each row rest on; empty for a row without.
+    count
+        How many things there are in the answer, if the question counts them.
     """
 
     text: str
@@ -118,6 +128,7 @@ class Answer:
     nearest: tuple[Near, ...]
     is_cut: bool = False
     why: tuple[str, ...] = ()
+    count: int | None = None
 
     @property
     def is_understood(self) -> bool:
@@ -135,6 +146,7 @@ class Answer:
             "ignored": list(self.ignored),
             "sparql": self.sparql,
             "sentence": self.sentence,
+            "count": self.count,
             "variables": list(self.rows.variables),
             "rows": self.rows.to_dicts(),
             "names": dict(self.names),
@@ -216,24 +228,34 @@ def answer(
         listed = "; ".join(item.question for item in nearest)
         words = f"None of the questions is near to that. The nearest are: {listed}"
         return _unanswered(text, reading, words, nearest)
-    question = best.question
+    return _answered(run, text, reading, best.question, nearest)
+
+
+def _answered(
+    run: Select, text: str, reading: _Reading, question: Question, nearest: tuple[Near, ...]
+) -> Answer:
+    """Return the answer to one of the questions, or why its slots cannot be filled."""
     filled = fill(question, reading.mentions, reading.period)
     if missing := _missing(question, filled, reading):
-        words = f"Nothing in the graph is called {missing!r}; `rtask search` looks for words."
-        if any(item.is_cut for item in reading.mentions):
-            words = (
-                f"Whether anything is called {missing!r} is not known: the words name more than "
-                f"{MAX_MENTIONS} things, of which {MAX_MENTIONS} were looked at. A full name in "
-                "quotes, or an IRI, names fewer."
-            )
-        return _unanswered(text, reading, words, nearest)
+        return _unanswered(text, reading, _not_named(missing, reading), nearest)
+    if nearest[0].likeness > MIN_WORDED and nearest[0].likeness - nearest[1].likeness < CLEARLY:
+        listed = " Or: ".join(item.question for item in nearest[:2])
+        return _unanswered(text, reading, f"That can mean: {listed} Ask one of them.", nearest)
+    sparql = filled_query(question, filled)
+    noun, counts = noun_counted(reading.tokens), None
+    if noun is not None:
+        counts, is_answered = _counting(question, filled, reading, sparql, noun)
+        if not is_answered:
+            words = f"What is called {reading.tokens[noun]!r} cannot be counted here."
+            return _unanswered(text, reading, words, nearest)
+    sparql = counts.listed if counts is not None else sparql
     unused = unused_mentions(question, filled, reading.mentions)
     if reading.period is not None and all(item.period is None for item in filled):
         unused.append(reading.period.text)
     reading = replace(reading, ignored=(*reading.ignored, *unused))
-    sparql = filled_query(question, filled)
     rows = run(_limited(sparql))
     is_cut = len(rows) > MAX_ROWS
+    count = None if counts is None else _count(run, counts, rows, is_cut)
     rows = rows[:MAX_ROWS]
     names = names_of(run, [term for row in rows for term in row])
     return Answer(
@@ -245,12 +267,51 @@ def answer(
         sparql,
         rows,
         {str(python_value(term)): name for term, name in names.items()},
-        _answer_words(question, filled, reading, rows, names, is_cut)
+        _counted_words(count)
+        + _answer_words(question, filled, reading, rows, names, is_cut)
         + _called_only(run, filled, rows),
         nearest,
         is_cut,
         why_of(run, rows, sparql),
+        count,
     )
+
+
+def _not_named(missing: str, reading: _Reading) -> str:
+    """Return words for a name that nothing has."""
+    if any(item.is_cut for item in reading.mentions):
+        return (
+            f"Whether anything is called {missing!r} is not known: the words name more than "
+            f"{MAX_MENTIONS} things, of which {MAX_MENTIONS} were looked at. A full name in "
+            "quotes, or an IRI, names fewer."
+        )
+    return f"Nothing in the graph is called {missing!r}; `rtask search` looks for words."
+
+
+def _counting(
+    question: Question, filled: list[Filled], reading: _Reading, sparql: str, at: int
+) -> tuple[Counting | None, bool]:
+    """Return how the noun at a place of the question is counted, and whether it is at all."""
+    covering = {item.text for item in reading.mentions if item.start <= at < item.end}
+    for item in filled:
+        if item.text in covering:
+            variable = "" if item.slot.is_constant else item.slot.term
+            counts = counting(question, sparql, "", variable)
+            return counts, counts is not None
+    noun = stem(reading.tokens[at].lower())
+    counts = counting(question, sparql, noun)
+    return counts, counts is not None or is_numeric(question, noun)
+
+
+def _count(run: Select, counts: Counting, rows: Solutions, is_cut: bool) -> int:
+    """Return how many things there are; beyond the rows that are shown, the graph counts them."""
+    if is_cut:
+        return int(str(run(counts.counted)[0].value("count")))
+    return len({row[counts.variable.removeprefix("?")] for row in rows} - {None})
+
+
+def _counted_words(count: int | None) -> str:
+    return f"{count} known. " if count else ""
 
 
 def _changes(text: str, changed: ChangedBeliefs) -> Answer:
@@ -393,6 +454,9 @@ def _answer_words(
     given = {item.slot.role: item.text for item in filled}
     for role, words, _ in question.phrases[0].filled:
         given.setdefault(role, words)
+    for slot in question.slots:
+        if slot.is_constant:
+            given.setdefault(slot.role, " ".join(split_name(slot.term.partition(":")[2])))
     more = f" There are more than {MAX_ROWS} rows." if is_cut else ""
     return sentence(question.answer, rows, names, given) + more + doubt
 

@@ -12,11 +12,12 @@ from rtask.asking.questions.mentions import Mention
 from rtask.asking.questions.periods import Period
 from rtask.rdf.terms import Term
 
-__all__ = ["Filled", "fill", "filled_query", "unused_mentions"]
+__all__ = ["Filled", "fill", "filled_query", "projected", "unused_mentions", "without_order"]
 
 _KINDS = {"kind": "rt:ManipulableObject", "robot_kind": "cora:Robot"}
 _PREFIX = re.compile(r"^PREFIX\s+([\w.-]*):\s*<[^>]*>\s*\n", re.M)
 _LIMIT = re.compile(r"\bLIMIT\s+\d+\s*$")
+_ORDER = re.compile(r"^ORDER BY .*$", re.M)
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ def _with_constant(text: str, slot: Slot, item: Filled | None) -> tuple[str, lis
     if item is None and slot.role in _KINDS:
         return text, []
     variable = f"?{slot.role}" if f"?{slot.role} " not in text else f"?the_{slot.role}"
-    text = _projected(_replaced(text, slot, variable), variable)
+    text = projected(_replaced(text, slot, variable), variable)
     if item is None:
         return text, []
     terms = " ".join(str(term) for term in item.terms)
@@ -155,13 +156,19 @@ def _replaced(text: str, slot: Slot, by: str) -> str:
     return constant.sub(lambda _: by, text)
 
 
-def _projected(text: str, variable: str) -> str:
-    """Add a variable to the outermost SELECT and GROUP BY; all rows are wanted then."""
+def projected(text: str, variable: str) -> str:
+    """Add a variable to the outermost SELECT and GROUP BY, so that all its values have rows."""
     text = re.sub(r"^SELECT (DISTINCT )?", rf"SELECT \g<1>{variable} ", text, count=1, flags=re.M)
     end = text.rindex("}")
     head, tail = text[:end], text[end:]
     tail = re.sub(r"GROUP BY ", f"GROUP BY {variable} ", tail)
     return head + _LIMIT.sub("", tail.rstrip()).rstrip() + "\n"
+
+
+def without_order(text: str) -> str:
+    """Return a query without the order of its rows, which those who count them do not need."""
+    end = text.rindex("}")
+    return text[:end] + _ORDER.sub("", text[end:]).rstrip() + "\n"
 
 
 def _restriction(item: Filled) -> str:

@@ -143,7 +143,12 @@ def _undoubled(word: str, was_verb: bool) -> str:
     return word
 
 
-_CONCEPTS = {stem(word): group.split()[0] for group in reversed(_GROUPS) for word in group.split()}
+_CONCEPTS = {
+    stem(word): group.split()[0]
+    for group in reversed(_GROUPS)
+    for word in group.split()
+    if word not in STOP
+}
 
 
 def concept(word: str) -> str:

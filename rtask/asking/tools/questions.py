@@ -41,6 +41,10 @@ class Reply(PagedAnswer):
 
     understood: str = ""
     """key of the question; empty if none is near"""
+    sentence: Value | None = None
+    """the answer in words, or why there is none"""
+    count: int | None = None
+    """how many there are, if the question counts"""
     ignored: list[str] = Field(default_factory=list)
     """words of the text that the question has no place for"""
     sparql: str = ""
@@ -49,6 +53,9 @@ class Reply(PagedAnswer):
     why: str = ""
     """page on which each number leads to what it rests on"""
     questions: list[Question] = Field(default_factory=list)
+
+
+_BY = "the server, quoting the graph"
 
 
 @cache
@@ -93,12 +100,14 @@ def _nearest(asked: Asked, request: Ask, commit: int) -> Reply:
         return solutions
 
     answered = answer(asked.kb, request.text or "", select=select)
+    said = asked.terms.text(answered.sentence, [_BY])
     if not answered.is_understood:
         near = [Question(key=item.key, text=item.question) for item in answered.nearest]
-        return Reply(commit=commit, ignored=list(answered.ignored), questions=near)
+        return Reply(commit=commit, sentence=said, ignored=list(answered.ignored), questions=near)
     solutions = select(answered.sparql) if answered.is_cut else answered.rows
     reply = _reply(asked, request, commit, answered.key, answered.sparql, solutions)
-    return reply.model_copy(update={"ignored": list(answered.ignored)})
+    added = {"ignored": list(answered.ignored), "sentence": said, "count": answered.count}
+    return reply.model_copy(update=added)
 
 
 def _reply(

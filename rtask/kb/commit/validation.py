@@ -156,6 +156,10 @@ class Validator:
         self._files = tuple(files)
         self._loaded: Shapes | None = None
 
+    def beside(self, store: GraphStore) -> Validator:
+        """Return a validator of the same policy and files for a copy of the store."""
+        return Validator(store, self._graphs, self._refuse, self._files)
+
     def check(self, change: Overlay, derived: Derived) -> ValidationReport:
         """Validate the nodes that a pending change touches, in their state after it.
 

@@ -11,6 +11,7 @@
         blobs/            byte strings by digest
         published/        snapshots for processes that read beside the writer
         followers/        their copies, which they keep current
+        branches/         copies that are written beside it, see :mod:`rtask.kb.branches`
 """
 
 from __future__ import annotations
@@ -55,6 +56,8 @@ class Files:
     held
         The snapshot that is read in the place of the folder's own store, beside a writer, or the
         copy of one: kept current, or turned back to an earlier commit.
+    is_branch
+        Whether these are the files of a branch, which is written without checkpoints.
     """
 
     settings: Settings
@@ -67,6 +70,14 @@ class Files:
     last_seq: int = 0
     may_be_ahead: bool = False
     held: HeldSnapshot | PrivateCopy | PastCopy | None = None
+    is_branch: bool = False
+
+    @property
+    def is_frozen(self) -> bool:
+        """Whether the store is never written while it is open."""
+        if self.is_branch or isinstance(self.held, PrivateCopy):
+            return False
+        return self.checkpoints is None
 
     @property
     def read_from(self) -> Path | None:

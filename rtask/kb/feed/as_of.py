@@ -24,7 +24,7 @@ from rtask.kb.feed.feed import Feed
 from rtask.kb.store.embedded import EmbeddedStore, embedded_store
 from rtask.kb.store.graphs import Graphs
 
-__all__ = ["commit_at", "copy_as_of"]
+__all__ = ["commit_at", "copy_as_of", "may_lack_some", "records_after", "turn_back"]
 
 _FLUSHED_BYTES = 1 << 20
 """Undone text from which the copy is flushed: less is read anew from its log by each reader."""
@@ -111,6 +111,18 @@ def _turned_back(
     files: Files, graphs: Graphs, journal: JournalFile, folder: Path, seq: int
 ) -> EmbeddedStore:
     path = str(folder / "store")
+    turn_back(files, graphs, journal, path, seq)
+    return EmbeddedStore(Store.read_only(path), path)
+
+
+def turn_back(files: Files, graphs: Graphs, journal: JournalFile, path: str, seq: int) -> None:
+    """Copy the store of a graph, and undo in the copy the commits after one.
+
+    Raises
+    ------
+    UnsupportedError
+        A bulk load was made since then.
+    """
     # A commit stored while copying may or may not be in the copy. Undoing one that is not does no
     # harm.
     with files.store.complete():
@@ -118,25 +130,24 @@ def _turned_back(
     store = EmbeddedStore(Store(path), path)
     try:
         store.is_view = files.settings.is_view
-        records = _records_after(journal, seq)
+        records = records_after(journal, seq)
         undo_all(store, reversed(records), files.settings.is_merged)
         # Counting graphs takes longer than undoing a few commits, so only where it can differ.
-        if not files.settings.plain and any(map(_may_lack_some, records)):
+        if not files.settings.plain and any(map(may_lack_some, records)):
             _require_whole(store, graphs, Catalogue(store, graphs), seq)
         if sum(len(record.body) for record in records) > _FLUSHED_BYTES:
             store.flush()
     finally:
         store.close()
-    return EmbeddedStore(Store.read_only(path), path)
 
 
-def _records_after(journal: JournalFile, seq: int) -> list[Record]:
+def records_after(journal: JournalFile, seq: int) -> list[Record]:
     """Return the records after a commit, oldest first, without reading those before."""
     mark = next(journal.marks.after(seq), None)
     return [] if mark is None else list(journal.records_from(mark.segment, mark.start))
 
 
-def _may_lack_some(record: Record) -> bool:
+def may_lack_some(record: Record) -> bool:
     """Whether a record may hold less than its commit changed: bulk loads, and lost records."""
     return bool(record.header.get("partial")) or record.header.get("kind") != "delta"
 

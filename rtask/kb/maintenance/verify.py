@@ -120,7 +120,9 @@ def _named_blobs(kb: Reasoning) -> set[str]:
     }
 
 
-def collect_blobs(kb: Reasoning, writer: Writer, older_than_s: float = _DAY_S) -> int:
+def collect_blobs(
+    kb: Reasoning, writer: Writer, older_than_s: float = _DAY_S, besides: Collection[str] = ()
+) -> int:
     """Delete the blobs that no statement names; return how many.
 
     Parameters
@@ -128,10 +130,14 @@ def collect_blobs(kb: Reasoning, writer: Writer, older_than_s: float = _DAY_S) -
     older_than_s
         Minimum age. Younger blobs are kept, since a statement that names them may be about to be
         written. Storing a blob again resets its age.
+    besides
+        Digests that somebody else names.
     """
     with writer.exclusive():
         named = _named_blobs(kb)
-        idle = [digest for digest in kb.blobs.digests() if digest not in named]
+        idle = [
+            digest for digest in kb.blobs.digests() if digest not in named and digest not in besides
+        ]
         return sum(kb.blobs.discard(digest, older_than_s) for digest in idle)
 
 

@@ -216,7 +216,7 @@ class NetChange:
     created: dict[GraphName, None] = field(default_factory=dict)
     dropped: dict[GraphName, None] = field(default_factory=dict)
 
-    def join(self, change: Overlay) -> None:
+    def join(self, change: Overlay | NetChange) -> None:
         """Add a change that was made after all the others."""
         _cancel(change.removed, self.added, self.removed)
         _cancel(change.added, self.removed, self.added)

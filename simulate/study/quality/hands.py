@@ -7,7 +7,7 @@ rad) and frictions for both, lifts and shakes. An object without a planned grasp
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -34,7 +34,7 @@ from simulate.study.quality.bench import Bench, draws, laid_out
 from simulate.study.quality.objects import generated
 from simulate.world.noise import SensorNoise
 
-__all__ = ["StudiedHand", "cup", "held_shares", "jaws", "summarise_hands", "three_fingers"]
+__all__ = ["KINDS", "StudiedHand", "hand_trial", "held_shares", "summarise_hands"]
 
 _TRIALS, _OFF_TABLE_M, _HEAVIEST_KG = 4, 0.006, 0.5
 _OUTCOMES = ("lifted", "carried")
@@ -87,6 +87,21 @@ def jaws() -> StudiedHand:
             world, body, hand, pose, opening or hand.max_opening, rest, conditions=conditions
         ),
     )
+
+
+KINDS: Mapping[str, Callable[[Mapping[str, Any]], StudiedHand]] = {
+    "cup": lambda settings: cup(settings["radius"]),
+    "three": lambda settings: three_fingers(settings["opening"]),
+    "jaws": lambda settings: jaws(),
+}
+"""Hands by name, made of the settings of the study: sizes in m."""
+
+
+def hand_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """Return the shares of an object, of :func:`held_shares`; None where nothing was planned."""
+    hand = KINDS[settings["hand"]](settings)
+    shares = held_shares(hand, settings["seed"], number).tolist()
+    return {"shares": [[None if v != v else v for v in plan] for plan in shares]}
 
 
 def held_shares(hand: StudiedHand, seed: int, number: int) -> Floats:

@@ -1,20 +1,20 @@
-"""The command ``rtask study hands``."""
+"""The study and the command ``rtask study hands``."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping
-from functools import partial
-from typing import Any, TextIO
+from pathlib import Path
+from typing import Any
 
 import click
 
 from simulate import options
+from simulate.study.command import study_command
+from simulate.study.declaration import Report, Results, Study
 
 __all__ = ["hands"]
 
 
-@click.command()
+@study_command("rtask-hands", with_preset=False)
 @click.option("--hand", "kind", default="cup", show_default=True,
               type=click.Choice(["cup", "three", "jaws"]),
               help="A suction cup, three fingers of 20 N, or the Panda's jaws.")  # fmt: skip
@@ -25,57 +25,36 @@ __all__ = ["hands"]
               type=click.FloatRange(0, min_open=True), help="Radius of the cup, m.")  # fmt: skip
 @click.option("--opening", default=0.1, show_default=True,
               type=click.FloatRange(0, min_open=True), help="Of the three fingers, m.")  # fmt: skip
-@options.json_flag("figures")
-def hands(kind: str, objects: int, seed: int, radius: float, opening: float, as_json: bool) -> None:
+def hands(kind: str, objects: int, seed: int, radius: float, opening: float) -> Study:
     """Compare grasps of a hand planned on one noisy view with those on the whole mesh.
 
     A hand without an arm carries out the first grasp of either plan four times, under the same
     errors of the pose and frictions, lifts and shakes. The interval resamples objects.
     """
-    import os
-
-    with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
-        os.dup2(2, 1)  # Bullet and Mesa write there
-        import numpy as np
-
-        from simulate.study.quality.hands import (
-            StudiedHand,
-            cup,
-            held_shares,
-            jaws,
-            summarise_hands,
-            three_fingers,
-        )
-        from simulate.study.runner import Progress
-
-        kinds: dict[str, Callable[[], StudiedHand]] = {
-            "cup": partial(cup, radius), "three": partial(three_fingers, opening), "jaws": jaws,
-        }  # fmt: skip
-        hand = kinds[kind]()
-        progress = Progress(objects, 0)
-        shares = []
-        for number in range(objects):
-            shares.append(held_shares(hand, seed, number))
-            progress.step()
-        summary = summarise_hands(np.array(shares))
-        if as_json:
-            click.echo(json.dumps({"hand": kind, "seed": seed, **summary}), out)
-        else:
-            _print_summary(summary, out)
+    settings = {"seed": seed, "hand": kind, "radius": radius, "opening": opening}
+    trial = "simulate.study.quality.hands:hand_trial"
+    return Study("hands", trial, settings, objects, _describe)
 
 
-def _print_summary(summary: Mapping[str, Any], out: TextIO) -> None:
+def _describe(results: Results, settings: Any, folder: Path) -> Report:
+    import numpy as np
+
+    from simulate.study.quality.hands import summarise_hands
+
+    shares = np.array([result["shares"] for result in results], dtype=float)
+    summary = summarise_hands(shares)
+    figures = {"hand": settings["hand"], "seed": settings["seed"], **summary}
+    lines = []
     for name in ("lifted", "carried"):
         row = summary[name]
         low, high = row["interval95"]
-        click.echo(
+        lines.append(
             f"{name}: mesh {row['mesh']:.3f}, one view {row['view']:.3f}, difference "
-            f"{row['difference']:+.3f} [{low:+.3f}, {high:+.3f}]",
-            out,
+            f"{row['difference']:+.3f} [{low:+.3f}, {high:+.3f}]"
         )
     without = summary["without_a_grasp"]
-    click.echo(
+    lines.append(
         f"without a grasp: mesh {without['mesh']}, one view {without['view']} of "
-        f"{summary['objects']}",
-        out,
+        f"{summary['objects']}"
     )
+    return Report(figures, lines=lines, more={"trials": list(results)})

@@ -19,7 +19,7 @@ from grasp.learning.state import GrowingComponents, pooled
 from grasp.spatial.grasp_plan import plan_on_cloud
 from grasp.spatial.gripper import nao_hand
 from rtask.rdf.terms import prologue
-from simulate.thesis.result import Compared, Result, Setting
+from simulate.thesis.result import Compared, Result, Setting, counted
 from simulate.thesis.runs.pictures import png
 from simulate.thesis.runs.products import STAND_INS, turned
 
@@ -139,7 +139,7 @@ def object_state(setting: Setting) -> Result:
     assert values is not None  # products have keypoints
     assert picture is not None  # and views
     return Result(
-        (Compared("numbers of the state", float(len(values.features)), 5.0),),
+        (counted("numbers of the state", float(len(values.features)), 5.0),),
         (STAND_INS,),
         {"a view": picture},
     )

@@ -6,6 +6,9 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import numpy as np
+from scipy import stats
+
 from grasp.push import Part, PushPlan, PushTest, Tolerance, as_part, plan_push_grasps, sample_grasps
 from grasp.push.parts import stand_in
 from grasp.push.trials import Trials
@@ -26,14 +29,19 @@ def usual(name: str) -> tuple[Part, PushTest, Tolerance]:
     return part, PushTest(0.25 * part.diameter), Tolerance.default(part)
 
 
-def timed(work: Callable[[], T]) -> tuple[T, float]:
-    """Return a result and the least of three processor times, s."""
+_TIMES = 5
+
+
+def timed(work: Callable[[], T]) -> tuple[T, float, tuple[float, float]]:
+    """Return a result, the mean of five processor times and its 95 % interval (Student), s."""
     spans = []
-    for _ in range(3):
+    for _ in range(_TIMES):
         began = time.process_time()
         result = work()
         spans.append(time.process_time() - began)
-    return result, min(spans)
+    mean, error = float(np.mean(spans)), float(stats.sem(spans))
+    half = error * float(stats.t.ppf(0.975, _TIMES - 1))
+    return result, mean, (max(mean - half, 0.0), mean + half)
 
 
 def plan(name: str, setting: tuple[float, float, int], **more: Any) -> PushPlan:
@@ -46,9 +54,9 @@ def plan(name: str, setting: tuple[float, float, int], **more: Any) -> PushPlan:
     )  # fmt: skip
 
 
-def trials_of(name: str, setting: tuple[float, float, int]) -> Trials:
+def trials_of(name: str, setting: tuple[float, float, int], seed: int) -> Trials:
     """Return the trials of a stand-in at a setting of Table 3.2."""
     part, test, tolerance = usual(name)
     distance, density, angles = setting
     grasps = sample_grasps(part, filter_distance=distance, density=density, angles=angles)
-    return Trials.of(part, grasps, test, tolerance, 0)
+    return Trials.of(part, grasps, test, tolerance, seed)

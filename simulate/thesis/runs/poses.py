@@ -180,7 +180,9 @@ def table_4_3(setting: Setting) -> Result:
                              float(np.median(sizes)) if sizes else None, float(size)))  # fmt: skip
         lost, tried = lost + held.count(False), tried + len(held)
     rows.append(share_of("all: lost grasps", lost, tried, 11 / 83, better="lower"))
-    rows.append(Compared("all: no grasp worth trying", float(without), 0.0, better="lower"))
+    rows.append(
+        share_of("all: no grasp worth trying", without, tried + without, 0.0, better="lower")
+    )
     notes = (f"a Panda's hand; a grasp with less than {_LEAST} chance of a lift is not tried",)
     return Result(tuple(rows), (*_notes(setting, poses), *notes))
 

@@ -31,6 +31,25 @@ __all__ = [
 ]
 
 
+_SETTLED = (
+    "the outline that does not is G, whose Q* is about .04: 5 % of it is less than one perturbation"
+)
+_TIED = (
+    "several grasps of our outlines are equally good, and change places at the top long after Q* "
+    "has settled"
+)
+_FAR_SIDE = {
+    "TC": "its far side is four short edges, whose slopes the same deviation changes more than "
+    "those of one long edge",
+    "TD": "it is thin: the deviation of .24 R is .8 of its thickness",
+}
+"""Why stand-ins of Fig. 3.12 lose more than the thesis's parts may."""
+_ELIMINATION = (
+    "about half of it is G, on which no grasp is good, as the row without it shows; why the other "
+    "outlines lose more than the thesis's is not known"
+)
+
+
 def tolerance_model(setting: Setting) -> Result:
     """The tolerance model: outlines drawn around the nominal one, and the grasps on it."""
     planned = plan("A", CONFIGURATIONS[0], seed=setting.seed)
@@ -72,7 +91,7 @@ def best_grasps(setting: Setting) -> Result:
     """Best grasps of all brackets; what pushes that slip are worth (Part D)."""
     rows, pictures = [], {}
     for name in BRACKETS:
-        planned = plan(name, CONFIGURATIONS[0], keep_codes=True)
+        planned = plan(name, CONFIGURATIONS[0], keep_codes=True, seed=setting.seed)
         pictures[f"stand-in {name}, Q* {100 * planned.quality:.0f} %"] = best_grasp_svg(planned)
         if name == "D":
             codes = planned.analysis.codes
@@ -103,7 +122,7 @@ def part_b(setting: Setting) -> Result:
 
 
 def _whiskers(name: str, setting: Setting, theirs: float) -> Result:
-    planned = plan(name, CONFIGURATIONS[0])
+    planned = plan(name, CONFIGURATIONS[0], seed=setting.seed)
     low, high = wilson(round(100 * planned.quality), 100)
     row = Compared(f"stand-in {name}: Q*", 100 * planned.quality, theirs, "%",
                    (100 * low, 100 * high))  # fmt: skip
@@ -132,9 +151,10 @@ def convergence(setting: Setting) -> Result:
     return Result(
         (
             Compared("stand-ins whose Q* stays within 5 % from 100 perturbations on, of 9",
-                     float(within), 9.0, better="higher"),
+                     float(within), 9.0, interval=_count_interval(within, 9), better="higher",
+                     because=_SETTLED),
             Compared("stand-ins whose g* settles before 100, of 9", float(settled_early), 8.0,
-                     interval=_count_interval(settled_early, 9), better="higher"),
+                     interval=_count_interval(settled_early, 9), better="higher", because=_TIED),
             Compared("perturbations at which the stop rule ends, median", float(np.median(stops))),
         ),
         (
@@ -161,7 +181,8 @@ def tolerancing(setting: Setting) -> Result:
         grasps = sample_grasps(part, density=4.0)
         grasps = grasps.take(np.flatnonzero(np.abs(grasps.contacts[:, 1]) < 1e-9))
         base = 0.02 * part.radius
-        best = analyse(part, grasps, test, Tolerance(base, com_follows=True), samples=samples).best
+        best = analyse(part, grasps, test, Tolerance(base, com_follows=True), samples=samples,
+                       seed=setting.seed).best  # fmt: skip
         grasp = grasps.take(best)
         near = near_vertices(part, grasp, 0, test.jaw_width)
         shown = plan(name, (0.0, 4.0, 5), vertex_std=base, com_std=0.0)
@@ -179,7 +200,7 @@ def tolerancing(setting: Setting) -> Result:
                 Compared(f"stand-in {name}: share of Q lost, tolerance of {label} at 12 x", loss,
                          theirs, tolerance=0.1 if theirs else None,
                          reason="theirs is a bound for all parts, ours one part" if theirs else "",
-                         better="lower" if theirs else "")
+                         better="lower" if theirs else "", because=_FAR_SIDE.get(name, ""))
             )  # fmt: skip
     pictures["Q against the deviation"] = curve_chart(
         factors, curves, "Fig. 3.13, stand-ins", "deviation of vertices over .02 R", (0.0, 1.0), "Q"
@@ -197,7 +218,7 @@ def tolerancing(setting: Setting) -> Result:
 def eliminated(setting: Setting) -> Result:
     """Candidates that one adaptive elimination removes."""
     rule = Elimination((19, 81), 0.9)
-    planned = plan("A", CONFIGURATIONS[0], elimination=rule)
+    planned = plan("A", CONFIGURATIONS[0], elimination=rule, seed=setting.seed)
     gone = int(np.count_nonzero(planned.analysis.eliminated_after))
     return Result(
         (Compared(f"stand-in A: eliminated after 19, of {len(planned.grasps)}", float(gone)),),
@@ -217,14 +238,17 @@ def elimination(setting: Setting) -> Result:
         for s in range(draws)
     ]  # fmt: skip
     shares = np.linspace(0.85, 0.99, 8)
-    worst, points = np.zeros((8, 10)), []
+    has_good = np.repeat([name != "G" for name in BRACKETS], draws)
+    worst, points, without_g = np.zeros((8, 10)), [], []
     for i, share in enumerate(shares):
         for first in range(1, 11):
             outcomes = np.array([elimination_outcome(c, first, float(share)) for c in sets])
             worst[i, first - 1] = outcomes[:, 2].mean()
             points.append(outcomes.mean(axis=0))
+            without_g.append(outcomes[has_good].mean(axis=0))
     ordered = np.array(sorted(points, key=lambda p: float(p[0])))
-    nearest = ordered[ordered[:, 0] >= 0.08][:6]
+    nearest = _from_eight_per_cent(ordered)
+    spared = _from_eight_per_cent(np.array(sorted(without_g, key=lambda p: float(p[0]))))
     race = [_raced(name, setting.seed) for name in BRACKETS]
     best = np.maximum.accumulate(ordered[:, 1:3], axis=0)
     tolerance: dict[str, Any] = {
@@ -235,14 +259,15 @@ def elimination(setting: Setting) -> Result:
             Compared("expected Q* over the full one, from 8 % of evaluations",
                      float(nearest[:, 1].max()), 0.978, better="higher", **tolerance),
             Compared("worst Q* over the full one, from 8 % of evaluations",
-                     float(nearest[:, 2].max()), 0.926, better="higher", **tolerance),
+                     float(nearest[:, 2].max()), 0.926, better="higher", because=_ELIMINATION,
+                     **tolerance),
+            Compared("the same without stand-in G", float(spared[:, 2].max())),
             Compared("racing (ours): Q* over the full one, mean of 12",
                      float(np.mean([q for q, _ in race]))),
             Compared("racing (ours): share of evaluations", float(np.mean([s for _, s in race]))),
         ),
         (
             STAND_INS,
-            "the worst case includes part G, on which no grasp is good",
             *setting.shrunk("sets of perturbations for each outline", 20, draws),
         ),
         {
@@ -256,6 +281,11 @@ def elimination(setting: Setting) -> Result:
             ),
         },
     )  # fmt: skip
+
+
+def _from_eight_per_cent(ordered: np.ndarray) -> np.ndarray:
+    """Return the six points (6, 3) that spend .08 of the evaluations or next more."""
+    return ordered[ordered[:, 0] >= 0.08][:6]
 
 
 def _raced(name: str, seed: int) -> tuple[float, float]:

@@ -42,6 +42,12 @@ TABLE_3_2 = {
 }
 """Nodes, then PiCloud and MATLAB seconds of configurations 1, 2, 3, as printed."""
 
+_BOUND = (
+    "bounded whatever ours does: of 500 nodes one starts late in the printed range, so that A's "
+    f"{MATLAB_S[2]:.0f} s alone become no less than {START_UP_S[1]:.0f} s: "
+    f"{(MATLAB_S[2] + sum(START_UP_S) / 2) / START_UP_S[1]:.0f} at most; theirs is of the slowest "
+    "of all parts, whose times are not printed"
+)
 _SHARDS = "shards are timed one at a time for each worker; 500 nodes never run at once here"
 
 
@@ -71,7 +77,7 @@ def table_3_2(setting: Setting) -> Result:
     rows = []
     with open_executor("processes", workers) as executor:
         for number, configuration in enumerate(CONFIGURATIONS, 1):
-            trials = trials_of("A", configuration)
+            trials = trials_of("A", configuration, setting.seed)
             list(executor.finished(trials, [(0, 2)] * workers))
             for nodes, printed in TABLE_3_2.items():
                 spans = np.concatenate([shard_times(executor, trials, nodes) for _ in range(runs)])
@@ -95,7 +101,7 @@ def speed_up(setting: Setting) -> Result:
         for number, configuration in enumerate(CONFIGURATIONS):
             slower = 1.0
             for name in names:
-                trials = trials_of(name, configuration)
+                trials = trials_of(name, configuration, setting.seed)
                 list(executor.finished(trials, [(0, 2)] * workers))
                 spans = {nodes: shard_times(executor, trials, nodes) for nodes in NODES}
                 alone = float(spans[1][0])
@@ -111,7 +117,7 @@ def speed_up(setting: Setting) -> Result:
         Compared(f"stand-ins: largest speed-up of 500 nodes, {what}",
                  max(row[-1] for row in curves[what]), theirs[what], tolerance=0.2 * theirs[what],
                  reason="the largest of 36 runs in the thesis, of fewer or more here",
-                 better="higher")
+                 better="higher", because=_BOUND if what == "with start-up" else "")
         for what in curves
     )  # fmt: skip
     pictures = {}
@@ -144,7 +150,7 @@ def early_shards(setting: Setting) -> Result:
     with open_executor("processes", workers) as executor:
         analyse(part, grasps, test, tolerance, samples=4, executor=executor)
         for configuration in CONFIGURATIONS:
-            trials = trials_of("A", configuration)
+            trials = trials_of("A", configuration, setting.seed)
             for nodes in _gained(setting):
                 spans: Sequence[float] = shard_times(executor, trials, nodes).tolist()
                 last, fifth = finish_times(spans, START_UP_S, 0.2, seed=nodes + setting.seed)

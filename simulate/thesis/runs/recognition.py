@@ -124,7 +124,7 @@ def table_4_1(setting: Setting) -> Result:
                              better="lower"))  # fmt: skip
         rows.append(Compared(f"{title}: time to recognise", answered.asking_s, recall_s, "s",
                              better="lower"))  # fmt: skip
-    rows.append(Compared("wrong answers over all sets", float(wrong), 0.0, better="lower"))
+    rows.append(share_of("wrong answers over all sets", wrong, asked, 0.0, better="lower"))
     return Result(
         tuple(rows),
         (

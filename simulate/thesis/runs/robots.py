@@ -12,8 +12,8 @@ from simulate.grasping.executor import Workcell
 from simulate.motion.arm_space import ArmSpace
 from simulate.robots import describe
 from simulate.robots import facts_nao as facts
-from simulate.study.tables import TABLE_4, grasp_times, table_4_times
-from simulate.thesis.result import Compared, Result, Setting, share_of
+from simulate.study.tables import TABLE_4, grasp_study, retrieval_study
+from simulate.thesis.result import Compared, Result, Setting, counted, share_of
 from simulate.thesis.runs.pictures import png
 from simulate.world.portrait import portrait
 
@@ -35,7 +35,7 @@ def table_1(setting: Setting) -> Result:
         (
             Compared("height, ours with the camera on its head", 100 * height, 58.0, "cm"),
             Compared("mass", facts.TOTAL_MASS, 4.3, "kg"),
-            Compared("degrees of freedom", float(joints - 1), 25.0),
+            counted("degrees of freedom", float(joints - 1), 25.0),
         ),
         (
             "ours after the maker's documentation of the NAO H25 V5, whose link masses sum to "
@@ -55,7 +55,7 @@ def arm(setting: Setting) -> Result:
     right = describe("nao").arm("right")
     drawn = _shown("nao", (960, 640))
     return Result(
-        (Compared("joints of an arm without its hand", float(len(right.joints)), 4.0),),
+        (counted("joints of an arm without its hand", float(len(right.joints)), 4.0),),
         (
             "the text of 4.1 counts four; the maker lists five with the wrist, which ours has",
             *drawn.notes,
@@ -120,7 +120,8 @@ def workspace(setting: Setting) -> Result:
 def table_4(setting: Setting) -> Result:
     """Round trip from a view to the answer of the graph, over the websocket."""
     stored = setting.size(111, 12)
-    timed = {row["object"]: row for row in table_4_times(stored, setting.seed, setting.size(10, 3))}
+    study = retrieval_study(stored, setting.seed, setting.size(10, 3))
+    timed = {row["object"]: row for row in setting.trials(study)[0]["rows"]}
     trips = (
         Compared(
             f"{name} ({timed[name]['product']})" if name in timed else f"{name}: was not in view",
@@ -146,7 +147,8 @@ def table_5(setting: Setting) -> Result:
     rows = []
     held = 0
     preset = "fast" if setting.fast else "faithful"
-    for row in grasp_times(repeats, setting.seed, preset):
+    study = grasp_study(repeats, setting.seed, preset)
+    for row in (row for result in setting.trials(study) for row in result["rows"]):
         held += row["held"]
         ours = None if row["plan_s"] is None else row["plan_s"] + row["grasp_s"]
         what = f"{row['object']}: planning by the clock and motion in simulated time"

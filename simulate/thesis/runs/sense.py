@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from features.recognition.views.sift import detect_keypoints
 from features.segmentation import segment_scene
 from features.segmentation.segment import segment_cloud
-from simulate.thesis.result import Compared, Result, Setting, share_of
+from simulate.thesis.result import Compared, Result, Setting, counted, share_of
 from simulate.thesis.runs.pictures import png
 from simulate.thesis.runs.tables_seen import SeenTable, seen_tables
 
@@ -120,7 +120,7 @@ def keypoints(setting: Setting) -> Result:
     return Result(
         (
             Compared("keypoints on four products", float(len(places))),
-            Compared("values of a descriptor", float(descriptors.shape[1]), 128.0),
+            counted("values of a descriptor", float(descriptors.shape[1]), 128.0),
         ),
         (_STAND_IN,),
         {"keypoints": png(drawn)},

@@ -20,8 +20,8 @@ from tests.grasp.push.in_box2d import is_available, simulate_in_box2d
 def speed() -> None:
     """Evaluations per second and core."""
     for setting in CONFIGURATIONS:
-        trials = trials_of("A", setting)
-        _, spent = timed(partial(trials, 0, 400))
+        trials = trials_of("A", setting, 0)
+        _, spent, _ = timed(partial(trials, 0, 400))
         rate = len(trials.rows) * 400 / spent
         print(f"{setting}: {rate / 1e6:.2f} M evaluations/s/core (target 1)")
 

@@ -14,7 +14,7 @@ import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
 from endpoint.application import Application
-from endpoint.http.agent_calls import AgentCall, AgentCalls
+from endpoint.http.agent_calls import SESSION, AgentCall, AgentCalls
 from endpoint.http.messages import Request, Response
 from endpoint.settings import Config
 from rtask.engine import Engine
@@ -137,6 +137,27 @@ def test_of_two_programs_with_one_token_none_gives_up_the_call_of_the_other():
         calls.add("nao", 7, each)
     calls.cancel("nao", 7)
     assert (first.is_stopped, second.is_stopped) == (False, False)
+
+
+def test_a_greeting_hands_out_a_name_by_which_programs_with_one_token_are_told_apart(
+    application, robot
+):
+    greetings = [send(application, message("initialize"), robot) for _ in range(2)]
+    first, second = (dict(greeting.headers)[SESSION] for greeting in greetings)
+    assert first != second
+
+    def request(body: Any, session: str) -> Request:
+        sent = {"host": "localhost", "content-type": "application/json",
+                "authorization": f"Bearer {robot}", SESSION.lower(): session}  # fmt: skip
+        return Request("POST", "/mcp", "", sent, json.dumps(body).encode())
+
+    body = call("ask_sparql", 3, query="ASK { ?s ?p ?o }")
+    mine, other = (application.admit(request(body, name)) for name in (first, second))
+    cancelled = {"method": "notifications/cancelled", "params": {"requestId": 3}}
+    application.handle(request({"jsonrpc": "2.0", **cancelled}, first))
+    answers = [result(application.run(each))["structuredContent"] for each in (mine, other)]
+    assert answers[0]["error"] == "cancelled"
+    assert "error" not in answers[1]
 
 
 def test_a_call_that_waits_for_its_turn_is_given_up_and_leaves_nothing_behind(application, robot):

@@ -11,7 +11,7 @@ from simulate.thesis.runs import push_nodes as nodes
 
 def test_every_nodes_shard_is_timed_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(nodes, "SAMPLES", 6)
-    trials = nodes.trials_of("A", nodes.CONFIGURATIONS[-1])
+    trials = nodes.trials_of("A", nodes.CONFIGURATIONS[-1], 0)
     with open_executor("serial") as executor:
         times = nodes.shard_times(executor, trials, 3)
     assert times.shape == (3,)

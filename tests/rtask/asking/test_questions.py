@@ -8,6 +8,7 @@ import pytest
 
 import rtask
 from rtask.asking.questions import answer
+from rtask.asking.questions.answering import CLEARLY, MAX_ROWS
 from rtask.asking.questions.catalogue import questions
 from rtask.asking.questions.filling import filled_query
 from rtask.asking.questions.mentions import find_mentions
@@ -27,7 +28,9 @@ NOW = dt.datetime(2026, 1, 1, 12, tzinfo=dt.UTC)
         ("which robot can hold pens?", "cq03", "Nao can grasp pen; pr2 can grasp pen."),
         ("why did nao refuse the mug?", "cq21", "Nao refused mug: the pose confidence 0.4"),
         ("wich boxes are there?", "cq04", "Boxes: box."),
-        ("how many boxes are there?", "cq04", "Boxes: box."),
+        ("how many boxes are there?", "cq04", "1 known. Boxes: box."),
+        ("how often did nao fail?", "eq01", "Nao tried 3 times, 0 held, 3 failed."),
+        ("how many robots can hold the mug?", "cq03", "1 known. Pr2 can grasp mug."),
         ("red pens", "cq25", "Pen is red; pen is blue"),
         ("which things are slippery?", "cq25", "Mug is slippery; mug is white"),
         ("what colour is the mug?", "cq25", "Mug is white"),
@@ -84,6 +87,56 @@ def test_what_is_called_a_kind_belongs_to_it_in_a_question() -> None:
     assert where.filled["object"][0] == "cartons"
     assert "<urn:6>" in where.sparql
     assert "<urn:7>" not in where.sparql
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "count"),
+    [
+        ("how many cartons are there?", "cq04", 1),
+        ("number of boxes", "cq04", 1),
+        ("how many objects have never been held?", "eq12", 2),
+        ("which objects have never been held?", "eq12", None),
+    ],
+)
+def test_a_question_that_counts_is_answered_with_a_number(
+    text: str, key: str, count: int | None
+) -> None:
+    with rtask.open(":memory:", reason=False) as kb:
+        kb.update(
+            _CALLED + "; DELETE DATA { <urn:o4> <https://w3id.org/rtask-kg/ns#success> true }"
+        )
+        found = answer(kb, text)
+    assert (found.key, found.count) == (key, count)
+    assert found.to_dict()["count"] == count
+
+
+def test_more_things_than_rows_are_shown_are_counted_by_the_graph() -> None:
+    with rtask.open(":memory:", reason=False) as kb:
+        boxes = " ".join(f"<urn:{n}> a rt:Box ." for n in range(MAX_ROWS + 7))
+        kb.update(f"PREFIX rt: <https://w3id.org/rtask-kg/ns#> INSERT DATA {{ {boxes} }}")
+        found = answer(kb, "how many boxes are there?")
+    assert (found.count, len(found.rows)) == (MAX_ROWS + 7, MAX_ROWS)
+    assert found.sentence.startswith(f"{MAX_ROWS + 7} known. Boxes: ")
+
+
+@pytest.mark.parametrize("text", ["how many sensors are there?", "how many kilos can pr2 lift?"])
+def test_what_cannot_be_counted_gets_no_other_answer(kb: KnowledgeBase, text: str) -> None:
+    found = answer(kb, text)
+    assert not found.is_understood
+    assert "cannot be counted here" in found.sentence
+
+
+def test_what_is_as_near_to_two_questions_is_not_answered_with_one_of_them(
+    kb: KnowledgeBase,
+) -> None:
+    found = answer(kb, "number of attempts per robot")
+    first, second = found.nearest[:2]
+    assert first.likeness - second.likeness < CLEARLY
+    assert not found.is_understood
+    assert (
+        found.sentence == f"That can mean: {first.question} Or: {second.question} Ask one of them."
+    )
+    assert answer(kb, second.question).key == second.key
 
 
 def test_a_name_restricts_the_answer_and_is_shown(kb: KnowledgeBase) -> None:

@@ -51,6 +51,25 @@ def test_a_lesson_counts_as_recalled_if_the_first_attempt_is_from_the_graph() ->
     )
 
 
+def test_a_grasp_of_its_own_where_a_success_counts_follows_the_lesson() -> None:
+    teacher = _robot("nao-1", *(_met(name, _attempt("candidate")) for name in "abcd"))
+    there, elsewhere = _attempt("candidate", told=(0.9, 0.0)), _attempt("scene", told=(0.2, 1.0))
+    pupil = _robot(
+        "panda-2",
+        _met("a", there) | {"recognised": "urn:a"},
+        _met("b", elsewhere) | {"recognised": "urn:b"},
+        _met("c", there) | {"recognised": ""},  # the evidence is that of another thing
+        _met("d", _attempt("memory", told=(1.0, 0.0))) | {"recognised": "urn:d"},
+    )
+    lessons = lessons_of([teacher, pupil])
+    assert lessons is not None
+    assert (lessons.won, lessons.recalled, lessons.followed) == (4, 1, 1)
+    assert lessons.sentence() == (
+        "panda-2 recalled 1 of 4 lessons about what it tried and followed 1 more by a grasp of "
+        "its own at the same place."
+    )
+
+
 def test_the_way_in_which_a_product_was_first_won_counts() -> None:
     first = _robot("panda-1", _met("bar", _attempt("scene")))
     second = _robot("panda-2", _met("bar", _attempt("memory")))

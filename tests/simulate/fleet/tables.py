@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-__all__ = ["product_with", "table_of"]
+from simulate.study.declaration import Results, Study
+
+__all__ = ["figures_of", "product_with", "table_of"]
+
+Summary = Callable[[Results, Mapping[str, Any]], dict[str, Any]]
 
 
 def product_with(
@@ -29,3 +36,14 @@ def table_of(secrets: Sequence[int | None]) -> dict[str, Any]:
     """Return a table with one product for each secret."""
     things = [product_with(k, secret) for k, secret in enumerate(secrets)]
     return {"format": 1, "settings": {"hand": "panda"}, "products": things}
+
+
+def figures_of(
+    table: Mapping[str, Any], study_of: Callable[[Path], Study], summary: Summary
+) -> dict[str, Any]:
+    """Run the study of a table here, and return its figures."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "attempts.json"
+        path.write_text(json.dumps(table), encoding="utf-8")
+        study = study_of(path)
+        return summary(study.in_process(), study.settings)

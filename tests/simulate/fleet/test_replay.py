@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
 from rtask.errors import UsageError
-from simulate.fleet.replay import COLUMNS, CONDITIONS, replay, replay_rows
+from simulate.fleet.replay import COLUMNS, CONDITIONS, replay_rows, replay_study, summary_of
 from simulate.fleet.study_commands import sharing
 from simulate.study.attempt_table import read_attempts
-from tests.simulate.fleet.tables import product_with, table_of
+from tests.simulate.fleet.tables import figures_of, product_with, table_of
+
+
+def replay(
+    table: Mapping[str, Any], fleets: int, on_table: int, cap: int, seed: int
+) -> dict[str, Any]:
+    return figures_of(
+        table, lambda path: replay_study(path, fleets, on_table, cap, seed), summary_of
+    )
 
 
 def test_an_ideal_memory_wins_most_of_the_headroom_and_an_untrue_one_nothing() -> None:
@@ -91,11 +101,23 @@ def test_the_command_replays_atable_of(tmp_path) -> None:
     path = tmp_path / "attempts.json"
     path.write_text(json.dumps(table_of([0, 1, 5, 6])))
     args = ["--fleets", "5", "--from-attempts", str(path), "--out", str(tmp_path / "out")]
+    args += ["--workers", "1"]
     done = CliRunner().invoke(sharing, [*args, "--json"], catch_exceptions=False)
-    assert json.loads(done.output)["fleets"] == 5
+    assert json.loads(done.stdout)["fleets"] == 5
     assert (tmp_path / "out" / "replay.json").exists()
-    shown = CliRunner().invoke(sharing, args, catch_exceptions=False)
-    assert "a look-alike" in shown.output
+    shown = CliRunner().invoke(sharing, [*args, "--resume"], catch_exceptions=False)
+    assert "a look-alike" in shown.stdout
+
+
+def test_a_replay_goes_on_with_its_table_only(tmp_path) -> None:
+    path = tmp_path / "attempts.json"
+    path.write_text(json.dumps(table_of([0, 1, 5, 6])))
+    args = ["--from-attempts", str(path), "--out", str(tmp_path / "out"), "--workers", "1"]
+    CliRunner().invoke(sharing, [*args, "--fleets", "1"], catch_exceptions=False)
+    path.write_text(json.dumps(table_of([0, 1, 5, 3])))
+    done = CliRunner().invoke(sharing, [*args, "--fleets", "2", "--resume"])
+    assert isinstance(done.exception, UsageError)
+    assert "is of an experiment with sha256" in str(done.exception)
 
 
 def test_options_that_a_replay_ignores_are_refused(tmp_path) -> None:

@@ -10,17 +10,18 @@ import pytest
 from click.testing import CliRunner
 
 from rtask.errors import UsageError
-from simulate.fleet.trust import COLUMNS, replay_trust, trust_rows
+from simulate.fleet.trust import COLUMNS, summary_of, trust_rows, trust_study
 from simulate.studies import study
-from tests.simulate.fleet.tables import table_of
+from tests.simulate.fleet.tables import figures_of, table_of
 
 
 def play(**more: Any) -> dict[str, Any]:
     table = table_of([k % 7 for k in range(10)])
     settings = {
         "fleets": 2, "robots": 6, "liars": 1, "on_table": 5, "rounds": 2, "cap": 6, "seed": 1,
+        **more,
     }  # fmt: skip
-    return replay_trust(table, **{**settings, **more})
+    return figures_of(table, lambda path: trust_study(path, **settings), summary_of)
 
 
 def test_lies_cost_and_weighing_reports_wins_some_of_it_back() -> None:
@@ -64,8 +65,9 @@ def test_the_command_writes_its_report(tmp_path: Path) -> None:
         study,
         [
             "trust", "--from-attempts", str(table), "--fleets", "1", "--robots", "3", "--liars",
-            "1", "--table", "2", "--rounds", "1", "--json", "--out", str(tmp_path / "out"),
+            "1", "--table", "2", "--rounds", "1", "--json", "--workers", "1",
+            "--out", str(tmp_path / "out"),
         ],
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    assert json.loads(done.output) == json.loads((tmp_path / "out" / "trust.json").read_text())
+    assert json.loads(done.stdout) == json.loads((tmp_path / "out" / "trust.json").read_text())

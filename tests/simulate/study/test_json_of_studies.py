@@ -78,9 +78,10 @@ def test_families_that_no_cause_explains_are_printed_as_json(tmp_path: Path) -> 
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
 def test_a_table_of_the_thesis_prints_json_and_nothing_else(
-    words: tuple[str, ...], rows: dict[str, float]
+    words: tuple[str, ...], rows: dict[str, float], tmp_path: Path
 ) -> None:
-    assert {row["object"]: row["thesis_s"] for row in _told(*words)} == rows
+    told = _told(*words, "--out", str(tmp_path / "out"))
+    assert {row["object"]: row["thesis_s"] for row in told["rows"]} == rows
 
 
 def test_a_robot_that_there_is_not_starts_no_trial(tmp_path: Path) -> None:
@@ -91,8 +92,9 @@ def test_a_robot_that_there_is_not_starts_no_trial(tmp_path: Path) -> None:
     assert not folder.exists()
 
 
-def test_the_study_of_hands_compares_one_view_with_the_mesh() -> None:
-    summary = _told("hands", "--hand", "three", "--objects", "1", "--seed", "2611")
+def test_the_study_of_hands_compares_one_view_with_the_mesh(tmp_path: Path) -> None:
+    asked = ("hands", "--hand", "three", "--objects", "1", "--seed", "2611", "--workers", "1")
+    summary = _told(*asked, "--out", str(tmp_path / "out"))
     assert summary["objects"] == 1
     for name in ("lifted", "carried"):
         row = summary[name]

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import click
 import pytest
 from click.testing import CliRunner
 
@@ -47,10 +46,9 @@ def _study(trials: int, seed: int) -> Study:
 @study_command("sums", with_preset=False)
 @options.trials(3, "Numbers.")
 @options.seed("every number")
-@click.option("--nothing", is_flag=True)
-def sums(trials: int, seed: int, nothing: bool) -> Study | None:
+def sums(trials: int, seed: int) -> Study:
     """Add numbers up."""
-    return None if nothing else _study(trials, seed)
+    return _study(trials, seed)
 
 
 def _run(*args: str) -> str:
@@ -73,11 +71,6 @@ def test_a_study_goes_on_and_prints_its_figures_alone_as_json(tmp_path: Path) ->
     _run("-n", "2", "--out", out)
     figures = json.loads(_run("-n", "4", "--out", out, "--resume", "--json"))
     assert figures == {"seed": 0, "total": 6}
-
-
-def test_a_command_may_answer_without_a_study(tmp_path: Path) -> None:
-    assert _run("--nothing", "--out", str(tmp_path / "run")) == ""
-    assert not (tmp_path / "run").exists()
 
 
 def test_trials_run_here_are_those_that_run_in_processes(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from simulate.thesis.result import Compared, Result, Setting, overall, share_of
+from simulate.thesis.result import Compared, Result, Setting, counted, overall, share_of
 
 
 @pytest.mark.parametrize(
@@ -12,7 +12,9 @@ from simulate.thesis.result import Compared, Result, Setting, overall, share_of
     [
         (Compared("x", 1.0, None), "not compared"),
         (Compared("x", None, 1.0), "not compared"),
-        (Compared("x", 1.0, 1.0), "reproduced"),
+        (Compared("x", 1.0, 1.0), "too few to tell"),
+        (counted("x", 1.0, 1.0), "reproduced"),
+        (counted("x", 1.0, 2.0), "different"),
         (Compared("x", 0.9, 0.8, interval=(0.79, 0.95)), "reproduced"),
         (Compared("x", 0.9, 0.8, tolerance=0.1, reason="noise"), "reproduced"),
         (Compared("x", 0.9, 0.8, interval=(0.85, 0.95), better="higher"), "better"),
@@ -43,7 +45,7 @@ def test_a_tolerance_needs_its_reason() -> None:
 
 def test_one_worse_row_makes_the_whole_worse() -> None:
     assert overall(["better", "worse", "reproduced"]) == "worse"
-    assert Result((Compared("a", 1, 1), Compared("b", 2, None))).verdict == "reproduced"
+    assert Result((counted("a", 1, 1), Compared("b", 2, None))).verdict == "reproduced"
     assert Result().verdict == "not compared"
 
 

@@ -1,0 +1,1 @@
+"""Branches: copies of a graph by hard links that are written, compared and merged, or dropped."""

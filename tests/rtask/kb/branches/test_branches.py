@@ -1,0 +1,430 @@
+"""Branches: what is written in one stays there until it is merged, and then fits or is refused."""
+
+from __future__ import annotations
+
+import datetime as dt
+import os
+import random
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+import ontology
+import rtask
+from rtask.errors import (
+    ConflictError,
+    ForbiddenError,
+    InconsistentError,
+    QueueFullError,
+    TooMuchFollowsError,
+    UnknownTermError,
+    UnsupportedError,
+    UsageError,
+)
+from rtask.kb.branches.record import MAX_OPEN
+from rtask.kb.commit.access import Access
+from rtask.kb.commit.budget import ReasoningLimits
+from rtask.kb.commit.commit import Request
+from rtask.kb.commit.update_limits import UpdateLimits
+from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.terms import Quad, iri
+
+_RT = ontology.NS
+_PREFIXES = f"PREFIX rt: <{_RT}> " + " ".join(
+    f"PREFIX {name}: <{ontology.PREFIXES[name]}>" for name in ("owl", "rdfs", "rdf", "time", "xsd")
+)
+_SCHEMA = """INSERT DATA { GRAPH <urn:lab/onto> {
+    <urn:lab/onto> a owl:Ontology .
+    <urn:Cup> rdfs:subClassOf <urn:Vessel> . <urn:Vessel> rdfs:subClassOf <urn:Thing> .
+    <urn:Cup> owl:disjointWith <urn:Box> .
+    <urn:on> a owl:ObjectProperty ; rdfs:domain <urn:Thing> ; rdfs:range <urn:Place> .
+    <urn:in> a owl:TransitiveProperty .
+    <urn:mass> a owl:DatatypeProperty, owl:FunctionalProperty . } }"""
+
+
+@pytest.fixture
+def kb(tmp_path: Path) -> Iterator[KnowledgeBase]:
+    with rtask.open(tmp_path / "kb", base="urn:lab/", ontologies=False, flush="os") as opened:
+        _write(opened, _SCHEMA)
+        _write(opened, "INSERT DATA { <urn:c0> a <urn:Cup> ; <urn:mass> 0.3e0 }")
+        yield opened
+
+
+def _write(kb: KnowledgeBase, text: str, **options: object) -> int:
+    return kb.update(f"{_PREFIXES} {text}", **options).seq  # type: ignore[arg-type]
+
+
+def _holds(kb: KnowledgeBase, pattern: str) -> bool:
+    return bool(kb.query(f"{_PREFIXES} ASK {{ {pattern} }}"))
+
+
+def _inferred(kb: KnowledgeBase) -> set[str]:
+    return {str(quad) for quad in kb.match(graph=kb.graphs.inferred)}
+
+
+def test_what_is_written_in_a_branch_and_follows_there_stays_there(kb: KnowledgeBase) -> None:
+    with kb.branch("tuesday") as branch:
+        commit = branch.graph.update("INSERT DATA { <urn:c1> a <urn:Cup> }")
+        assert commit.derived > 0
+        assert _holds(branch.graph, "<urn:c1> a <urn:Vessel>")
+        assert branch.graph.query("ASK { <urn:c1> a <urn:Thing> }", timeout_s=10.0)
+        assert not _holds(kb, "<urn:c1> ?p ?o")
+        _write(kb, "INSERT DATA { <urn:c2> a <urn:Cup> }")
+        assert not _holds(branch.graph, "<urn:c2> ?p ?o")
+
+
+def test_a_withdrawal_in_a_branch_takes_what_followed_along(kb: KnowledgeBase) -> None:
+    with kb.branch() as branch:
+        _write(
+            branch.graph, "DELETE DATA { GRAPH <urn:lab/graph/shared> { <urn:c0> a <urn:Cup> } }"
+        )
+        assert not _holds(branch.graph, "<urn:c0> a <urn:Vessel>")
+        assert _holds(kb, "<urn:c0> a <urn:Vessel>")
+    assert kb.branches() == []
+
+
+@pytest.mark.slow
+def test_what_follows_in_a_branch_is_what_a_closure_of_its_own_holds(kb: KnowledgeBase) -> None:
+    """Random commits on both sides: what the branch holds as derived follows from its own."""
+    draw = random.Random(37)
+    names = [f"<urn:x{number}>" for number in range(6)]
+
+    def statement() -> str:
+        kind = draw.randrange(3)
+        if kind == 0:
+            return f"{draw.choice(names)} a {draw.choice(['<urn:Cup>', '<urn:Vessel>'])}"
+        return f"{draw.choice(names)} {['', '<urn:in>', '<urn:on>'][kind]} {draw.choice(names)}"
+
+    with kb.branch("both") as branch:
+        for step in range(60):
+            target = draw.choice([kb, branch.graph])
+            verb = draw.choice(["INSERT", "INSERT", "DELETE"])
+            body = " . ".join(statement() for _ in range(draw.randint(1, 3)))
+            _write(target, f"{verb} DATA {{ GRAPH <urn:lab/graph/shared> {{ {body} }} }}")
+            if step == 30:
+                _write(kb, "DELETE WHERE { GRAPH <urn:lab/onto> { <urn:on> rdfs:domain ?c } }")
+            if step % 6 == 0:
+                assert [f for f in branch.graph.verify() if f.severity == "error"] == []
+        expected = {str(q) for q in branch.graph.match(graph="urn:lab/graph/shared")}
+        derived = _inferred(branch.graph)
+        others = {str(q) for q in kb.match(graph="urn:lab/graph/shared")}
+    assert len(derived) > 10
+    assert expected != others
+    assert [f for f in kb.verify() if f.severity == "error"] == []
+
+
+def test_merging_makes_one_commit_from_which_the_same_follows(kb: KnowledgeBase) -> None:
+    branch = kb.branch("tuesday", agent="nao-1")
+    _write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }", agent="nao-1")
+    _write(branch.graph, "INSERT DATA { <urn:c1> <urn:in> <urn:b1> . <urn:b1> <urn:in> <urn:r1> }")
+    _write(branch.graph, "DELETE WHERE { GRAPH ?g { <urn:c0> <urn:mass> ?m } }")
+    derived = _inferred(branch.graph)
+    before = kb.seq
+    compared = branch.compare()
+    assert (len(compared.added), len(compared.removed), compared.commits) == (3, 1, 3)
+    assert compared.conflicts == ()
+    assert kb.seq == before  # comparing stores nothing
+    commit = branch.merge()
+    assert (commit.seq, commit.added, commit.removed) == (before + 1, 3, 1)
+    assert commit.derived == compared.derived
+    assert _inferred(kb) == derived
+    assert kb.match("urn:c1", graph="urn:lab/graph/agent/nao-1")
+    assert kb.branches() == []
+    assert "branch tuesday of nao-1, 3 commits" in str(kb.history(start=None)[-1].note)
+    assert [f for f in kb.verify() if f.severity == "error"] == []
+
+
+def test_a_branch_without_changes_merges_into_nothing(kb: KnowledgeBase) -> None:
+    branch = kb.branch("idle")
+    assert branch.merge().seq == kb.seq
+    assert kb.branches() == []
+
+
+def test_two_values_of_a_functional_property_are_a_conflict(kb: KnowledgeBase) -> None:
+    branch = kb.branch("weighed")
+    change = (
+        "DELETE WHERE {{ GRAPH ?g {{ <urn:c0> <urn:mass> ?m }} }} ; "
+        "INSERT DATA {{ <urn:c0> <urn:mass> {} }}"
+    )
+    _write(branch.graph, change.format("0.5e0"))
+    assert branch.compare().conflicts == ()
+    _write(kb, change.format("0.7e0"))
+    [conflict] = [c for c in branch.compare().conflicts if c.kind == "value"]
+    assert conflict.subject == "urn:c0"
+    assert "5" in conflict.branch[0]
+    assert "7" in conflict.trunk[0]
+    with pytest.raises(ConflictError, match="nothing was merged") as refused:
+        branch.merge()
+    assert [c["kind"] for c in refused.value.details["conflicts"]] == ["value"]
+    assert _holds(kb, "<urn:c0> <urn:mass> 0.7e0")
+    # The branch stays, so that it can be made to fit.
+    _write(branch.graph, change.format("0.7e0"))
+    branch.merge()
+    assert not _holds(kb, "<urn:c0> <urn:mass> 0.5e0")
+
+
+def test_the_same_change_on_both_sides_is_no_conflict(kb: KnowledgeBase) -> None:
+    branch = kb.branch("same")
+    for graph in (kb, branch.graph):
+        _write(graph, "INSERT DATA { <urn:c1> <urn:mass> 0.5e0 }")
+    assert branch.compare().conflicts == ()
+    assert branch.merge().added == 0
+
+
+def test_a_thing_put_somewhere_on_both_sides_is_a_conflict(kb: KnowledgeBase) -> None:
+    branch = kb.branch("moved")
+    place = (
+        "INSERT DATA {{ <urn:p{0}> a rt:Placement ; rt:placementOf <urn:c0> ; "
+        "rt:placedOn <urn:t{0}> }}"
+    )
+    _write(branch.graph, place.format(1))
+    _write(kb, place.format(2))
+    [conflict] = branch.compare().conflicts
+    assert (conflict.kind, conflict.subject) == ("place", "urn:c0")
+    _write(kb, "INSERT DATA { <urn:p2> time:hasEnd <urn:p2/end> }")
+    assert branch.compare().conflicts == ()
+    branch.drop()
+
+
+def test_what_the_trunk_withdrew_is_not_built_on(kb: KnowledgeBase) -> None:
+    branch = kb.branch("late")
+    _write(branch.graph, "INSERT DATA { <urn:c0> <urn:on> <urn:t1> }")
+    _write(kb, "DELETE WHERE { GRAPH <urn:lab/graph/shared> { <urn:c0> ?p ?o } }")
+    [conflict] = branch.compare().conflicts
+    assert (conflict.kind, conflict.subject) == ("withdrawn", "urn:c0")
+    assert len(conflict.branch) == 1
+
+
+def test_a_contradiction_of_both_is_named_with_its_cause(kb: KnowledgeBase) -> None:
+    branch = kb.branch("clash")
+    _write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }")
+    _write(kb, "INSERT DATA { <urn:c1> a <urn:Box> }")
+    compared = branch.compare()
+    assert {conflict.kind for conflict in compared.conflicts} == {"contradiction"}
+    assert any("urn:c1" in c.message for c in compared.conflicts)
+    assert compared.derived is None
+    with pytest.raises(InconsistentError, match="urn:c1"):
+        branch.merge()
+    assert [record.name for record in kb.branches()] == ["clash"]
+
+
+def test_a_contradiction_in_the_branch_is_refused_there(kb: KnowledgeBase) -> None:
+    with kb.branch() as branch:
+        with pytest.raises(InconsistentError, match="urn:c0"):
+            _write(branch.graph, "INSERT DATA { <urn:c0> a <urn:Box> }")
+        assert not _holds(branch.graph, "<urn:c0> a <urn:Box>")
+
+
+def test_what_the_trunk_repaired_since_contradicts_nothing_in_the_branch(kb: KnowledgeBase) -> None:
+    _write(kb, "INSERT DATA { <urn:c5> a <urn:Box> }")
+    with kb.branch() as branch:
+        _write(kb, "DELETE WHERE { GRAPH <urn:lab/graph/shared> { <urn:c5> ?p ?o } }")
+        _write(kb, "INSERT DATA { <urn:c5> a <urn:Cup> }")
+        _write(branch.graph, "INSERT DATA { <urn:c5> <urn:on> <urn:t1> }")
+        with pytest.raises(InconsistentError):
+            _write(branch.graph, "INSERT DATA { <urn:c5> a <urn:Cup> }")
+
+
+def test_more_may_not_follow_in_a_branch_than_on_the_trunk(kb: KnowledgeBase) -> None:
+    chain = " . ".join(f"<urn:n{i}> <urn:in> <urn:n{i + 1}>" for i in range(60))
+    limits = UpdateLimits(30.0, reasoning=ReasoningLimits(derived=50, derived_each=1))
+    with kb.branch() as branch:
+        for graph in (kb, branch.graph):
+            with pytest.raises(TooMuchFollowsError):
+                _write(graph, f"INSERT DATA {{ {chain} }}", agent="nao-1", limits=limits)
+
+
+def test_a_branch_begins_at_an_earlier_commit(kb: KnowledgeBase) -> None:
+    at = kb.seq
+    _write(kb, "INSERT DATA { <urn:c1> a <urn:Cup> . <urn:c0> a <urn:Vessel> }")
+    with kb.branch("before", at=at) as branch:
+        assert branch.base == at
+        assert not _holds(branch.graph, "<urn:c1> ?p ?o")
+        _write(branch.graph, "INSERT DATA { <urn:c2> a <urn:Cup> }")
+        assert [f for f in branch.graph.verify() if f.severity == "error"] == []
+        assert branch.compare().trunk_commits == 1
+        branch.merge()
+    assert _holds(kb, "<urn:c1> a <urn:Vessel> . <urn:c2> a <urn:Vessel>")
+    with pytest.raises(UsageError, match="no commit 99"):
+        kb.branch("never", at=99)
+
+
+def test_rights_in_a_branch_are_those_on_the_trunk(kb: KnowledgeBase) -> None:
+    with pytest.raises(ForbiddenError):
+        kb.branch("r", access=Access("guest", "reader"))
+    branch = kb.branch("mine", agent="nao-1")
+    with pytest.raises(ForbiddenError):
+        _write(
+            branch.graph,
+            "INSERT DATA { GRAPH <urn:lab/graph/agent/nao-2> { <urn:a> <urn:b> 1 } }",
+            agent="nao-1",
+        )
+    _write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }", agent="nao-1")
+    with pytest.raises(ForbiddenError, match="of nao-1"):
+        branch.drop(agent="nao-2")
+    with pytest.raises(ForbiddenError):
+        branch.merge(agent="nao-2")
+    assert [c.kind for c in branch.compare(agent="nao-2").conflicts] == ["refused"]
+    assert [record.author for record in kb.branches()] == ["nao-1"]
+    branch.merge(agent="nao-1")
+    assert _holds(kb, "<urn:c1> a <urn:Vessel>")
+
+
+def test_as_many_branches_as_may_be_and_no_more(kb: KnowledgeBase) -> None:
+    for number in range(MAX_OPEN):
+        kb.branch(f"b{number}").close()
+    with pytest.raises(QueueFullError, match="'b0'"):
+        kb.branch("more")
+    kb.drop_branch("b3")
+    kb.branch("more")
+    with pytest.raises(ConflictError, match="'more' already"):
+        kb.branch("more")
+    with pytest.raises(UnknownTermError, match="b3"):
+        kb.open_branch("b3")
+    with pytest.raises(UsageError, match="no name"):
+        kb.branch("../x")
+
+
+def test_a_branch_expires(kb: KnowledgeBase) -> None:
+    branch = kb.branch("short", lifetime=dt.timedelta(hours=1))
+    folder = branch.graph.folder
+    assert folder is not None
+    kb.branch("long", lifetime=dt.timedelta(days=9))
+    now = dt.datetime.now(dt.UTC)
+    kb.branch_register.clock = lambda: now + dt.timedelta(hours=2)
+    assert [record.name for record in kb.branches()] == ["long"]
+    assert not folder.exists()
+    kb.branch_register.clock = lambda: now + dt.timedelta(hours=25)
+    assert kb.branches() == []
+
+
+def test_a_branch_costs_no_copy(kb: KnowledgeBase) -> None:
+    with kb.transaction() as tx:
+        for number in range(20_000):
+            tx.add(f"urn:n{number // 10}", f"urn:p{number % 10}", number)
+    kb.checkpoint()
+    with kb.branch() as branch:
+        assert branch.graph.folder is not None
+        files = [path.stat() for path in branch.graph.folder.rglob("*") if path.is_file()]
+        shared = sum(file.st_size for file in files if file.st_nlink > 1)
+        own = sum(file.st_size for file in files if file.st_nlink == 1)
+        assert branch.graph.query("SELECT (COUNT(*) AS ?n) { ?s <urn:p3> ?o }")
+    assert shared > own
+    assert own <= 1_000_000
+
+
+def test_a_branch_is_there_after_opening_again(kb: KnowledgeBase, tmp_path: Path) -> None:
+    branch = kb.branch("kept", note="for tomorrow")
+    _write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }")
+    kb.close()
+    with rtask.open(tmp_path / "kb", ontologies=False) as again:
+        [record] = again.branches()
+        assert (record.name, record.note) == ("kept", "for tomorrow")
+        opened = again.open_branch("kept")
+        _write(opened.graph, "INSERT DATA { <urn:c2> a <urn:Cup> }")
+        assert _holds(opened.graph, "<urn:c1> a <urn:Vessel> . <urn:c2> a <urn:Vessel>")
+        assert opened.compare().commits == 2
+        opened.merge()
+        assert _holds(again, "<urn:c1> a <urn:Vessel>")
+
+
+@pytest.mark.slow
+def test_a_killed_process_loses_nothing_of_a_branch(kb: KnowledgeBase, tmp_path: Path) -> None:
+    kb.close()
+    script = (
+        "import os, signal, sys, rtask\n"
+        "kb = rtask.open(sys.argv[1], ontologies=False)\n"
+        "branch = kb.branch('killed')\n"
+        "branch.graph.update('INSERT DATA { <urn:c1> a <urn:Cup> }')\n"
+        "kb.update('INSERT DATA { <urn:c2> a <urn:Cup> }')\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, tmp_path / "kb"], env=os.environ, check=False
+    )
+    assert done.returncode == -signal.SIGKILL
+    with rtask.open(tmp_path / "kb", ontologies=False) as again:
+        branch = again.open_branch("killed")
+        assert _holds(branch.graph, "<urn:c1> a <urn:Vessel>")
+        assert not _holds(branch.graph, "<urn:c2> ?p ?o")
+        branch.merge()
+        assert _holds(again, "<urn:c1> a <urn:Vessel> . <urn:c2> a <urn:Vessel>")
+        assert [f for f in again.verify() if f.severity == "error"] == []
+
+
+def test_a_bulk_load_of_the_trunk_ends_what_a_branch_can_follow(
+    kb: KnowledgeBase,
+) -> None:
+    branch = kb.branch("loaded")
+    graph = iri("urn:lab/graph/import/large")
+    quads = [Quad(iri(f"urn:n{i}"), iri("urn:p"), iri(f"urn:m{i}"), graph) for i in range(20)]
+    kb.bulk_add(quads, graph, Request(kb.access()))
+    assert not _holds(branch.graph, "<urn:n7> ?p ?o")
+    with pytest.raises(UnsupportedError, match="loaded in bulk"):
+        _write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }")
+    with pytest.raises(UnsupportedError, match="loaded in bulk"):
+        branch.compare()
+
+
+def test_blobs_of_a_branch_are_kept(kb: KnowledgeBase) -> None:
+    branch = kb.branch("photo")
+    with branch.graph.transaction() as tx:
+        named = tx.blob(b"of the branch", "text/plain")
+    idle = kb.blobs.put(b"of nobody", "text/plain").iri
+    with pytest.raises(UnsupportedError):
+        branch.graph.collect_blobs(0.0)
+    kb.collect_blobs(0.0)
+    assert kb.blobs.has(named)
+    assert not kb.blobs.has(idle)
+    branch.merge()
+    assert kb.blobs.has(named)
+
+
+def _change_rules(graph: KnowledgeBase) -> None:
+    graph.add_rules("# rule: r\nCONSTRUCT { ?x <urn:q> ?y } WHERE { ?x <urn:p> ?y }")
+
+
+def _branch_again(graph: KnowledgeBase) -> None:
+    graph.branch("second")
+
+
+def _load_in_bulk(graph: KnowledgeBase) -> None:
+    graph.bulk_add([], iri("urn:g"), Request(graph.access()))
+
+
+@pytest.mark.parametrize("change", [_change_rules, _branch_again, _load_in_bulk])
+def test_what_a_branch_does_not_take_is_refused_with_words(
+    kb: KnowledgeBase, change: Callable[[KnowledgeBase], None]
+) -> None:
+    with kb.branch() as branch, pytest.raises(UnsupportedError, match="branch"):
+        change(branch.graph)
+
+
+def test_a_graph_in_memory_has_no_branches() -> None:
+    with (
+        rtask.open(":memory:", ontologies=False, reason=False) as kb,
+        pytest.raises(UnsupportedError, match="folder"),
+    ):
+        kb.branch("x")
+
+
+def test_a_backup_holds_no_branches(kb: KnowledgeBase, tmp_path: Path) -> None:
+    kb.branch("here")
+    kb.backup(tmp_path / "backup")
+    assert not (tmp_path / "backup" / "branches").exists()
+
+
+def test_an_ontology_of_a_branch_is_one_after_merging(kb: KnowledgeBase) -> None:
+    branch = kb.branch("terms")
+    branch.graph.load(
+        b"@prefix owl: <http://www.w3.org/2002/07/owl#> . "
+        b"<urn:lab/new> a owl:Ontology . <urn:New> a owl:Class .",
+        format="turtle",
+        graph="urn:lab/new",
+    )
+    branch.merge()
+    assert kb.catalogue.is_ontology(iri("urn:lab/new"))
