@@ -22,7 +22,8 @@ def program_of(caller: str, request: Request) -> str:
     Nothing is kept of a session: its id, which ``initialize`` hands out, only tells the programs
     apart that use one token, as each numbers its requests by itself.
     """
-    return f"{caller} {request.header(SESSION.lower())}"
+    session = request.header(SESSION.lower())
+    return f"{caller} {session}" if session else caller
 
 
 class AgentCall:

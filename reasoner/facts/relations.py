@@ -160,6 +160,7 @@ class ArrayRelation:
 
     def add(self, s: int, o: int) -> bool:
         """Add a pair; False if it was there."""
+        # The two sets hold differences only: a pair of the column that comes back is one fewer.
         if self._column.has(s, o):
             return self._removed.discard(s, o)
         return self._added.add(s, o)
@@ -248,6 +249,7 @@ class Facts:
         """Return the given facts that are in the set."""
         if len(facts) < LARGE:
             return {fact for fact in facts if self.has(*fact)}
+        # Sorted arrays are compared at once; to probe the facts one by one would make sets of all.
         own, asked = self.columns(), Facts()
         present: set[Fact] = set()
         asked.replace(facts)

@@ -86,7 +86,7 @@ class Retraction:
             self._follow(stratum, fact)
         either = _either(self._layer)
         for trigger, fact in list(_touched(stratum, self._layer, against=True)):
-            for conclusion in list(trigger.held(self._layer.base, either, self._terms, fact)):
+            for conclusion in list(trigger.held(either, self._terms, fact)):
                 self._delete(conclusion)
         limit = max(REBUILD_FROM, len(self._layer.base) // REBUILD_RATIO)
         while self._queue:

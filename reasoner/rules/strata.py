@@ -107,8 +107,8 @@ class AbsenceTrigger:
         place = next(i for i, step in enumerate(steps) if step is head)
         return steps[: place + 1], steps[place + 1 :]
 
-    def held(self, base: View, view: View, terms: Dictionary, fact: Fact) -> Iterator[Fact]:
-        """Yield conclusions in `base` that a fact may speak against."""
+    def held(self, view: View, terms: Dictionary, fact: Fact) -> Iterator[Fact]:
+        """Yield conclusions that hold and that a fact may speak against."""
         env = self.rule.environment()
         if self.rule.head is None or not bind(self.atom, fact, terms, env):
             return
@@ -116,7 +116,7 @@ class AbsenceTrigger:
         seen = set()
         for bindings in solve(view, terms, before, env):
             conclusion = self.rule.conclude(bindings)
-            if conclusion in seen or not base.has(*conclusion):
+            if conclusion in seen:
                 continue
             if next(solve(view, terms, after, list(bindings)), None) is not None:
                 seen.add(conclusion)
@@ -160,6 +160,8 @@ def _projection(rule: Rule) -> Projection | None:
     if len(rule.body) != 1 or rule.conditions or rule.head is None or rule.head.p == SAME:
         return None
     (s, p, o), head = rule.body[0], rule.head
+    # Rules are found by predicate, or by class: any other constant, and a variable that comes
+    # twice, would have to be compared with each fact.
     if s >= 0 or s == o or (o >= 0 and p != TYPE):
         return None
 
@@ -269,6 +271,8 @@ def require_end(rules: Iterable[Rule], terms: Dictionary | None) -> None:
         for atom in rule.body:
             after[atom.key].add(head.key)
     for rule, head in minting:
+        # Followed whatever the values are, so that some rules that would end are refused as well:
+        # whether a rule ends for all data cannot be decided.
         came_from: dict[int, int] = {}
         queue = deque([head.key])
         while queue:
@@ -288,6 +292,7 @@ def _levels(rules: list[Rule], terms: Dictionary | None) -> dict[int, int]:
     """Return the layer of each key above the lowest; empty without negation."""
     if not any(rule.absences or rule.sees_identity for rule in rules):
         return {}
+    # A rule with a variable for a class matches facts of any class, which then share one layer.
     generic = any(
         atom.key == TYPE for rule in rules for atom in (*rule.body, rule.head) if atom is not None
     )
@@ -305,6 +310,8 @@ def _levels(rules: list[Rule], terms: Dictionary | None) -> dict[int, int]:
             above[node(atom.key)].add((head, True))
         if rule.sees_identity:
             above[SAME].add((head, True))  # "not the same" is an absence of sameAs
+    # Each layer but the lowest is there for a rule that negates: more layers than such rules come
+    # of a rule that is above itself.
     limit = sum(1 for rule in rules if rule.absences or rule.sees_identity)
     levels: dict[int, int] = {}
     came_from: dict[int, int] = {}

@@ -36,6 +36,14 @@ _PROPERTY_TYPES = {
 _TOP = {_NS["owl"] + "Thing", _NS["rdfs"] + "Resource"}
 _BOOKKEEPING = (_NS["rdf"], _NS["owl"], _NS["prov"])
 _NOT_A_WORD = re.compile(r"[^a-z0-9]+")
+_IN_SEARCH = {
+    "rt:matches": "",
+    "rt:score": " ;\n      rt:score ?score",
+    "rt:text": " ;\n      rt:text ?text",
+    "rt:limit": " ;\n      rt:limit 5",
+    "rt:lang": ' ;\n      rt:lang "en"',
+}
+"""Properties that only a search for words knows, and how they stand in its pattern."""
 
 
 @dataclass(frozen=True)
@@ -361,9 +369,14 @@ def _uses(select: Select, term: NamedNode, kind: str) -> tuple[Use, ...]:
 
 def _example(name: str, kind: str, uses: tuple[Use, ...], domain: tuple[str, ...]) -> str:
     """Return a query that a person can change: ten members, or ten statements."""
+    if name in _IN_SEARCH:
+        return (
+            "SELECT * WHERE {\n  SERVICE <urn:rtask:text> {\n"
+            f'    ?thing rt:matches "mug"{_IN_SEARCH[name]}\n  }}\n}} LIMIT 10'
+        )
     if kind == "property":
         of_class = f"?thing a {domain[0]} .\n  " if len(domain) == 1 else ""
-        return f"SELECT ?thing ?value WHERE {{\n  {of_class}?thing {name} ?value\n}} LIMIT 10"
+        return f"SELECT ?thing ?what WHERE {{\n  {of_class}?thing {name} ?what\n}} LIMIT 10"
     own = [use.term for use in uses if use.term.startswith("rt:")]
     shown = sorted(own, key=lambda term: term != "rt:name")[:_IN_EXAMPLE]
     variables = [local[0].lower() + local[1:] for local in (use.split(":")[1] for use in shown)]

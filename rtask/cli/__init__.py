@@ -32,6 +32,7 @@ _BUILT_IN = {
     "doctor": "rtask.cli.doctor:doctor",
     "entails": "rtask.cli.entails:entails",
     "episodes": "rtask.cli.episodes:episodes",
+    "branch": "rtask.cli.changing.branches:branch",
     "explain": "rtask.cli.reasoning:explain",
     "export": "rtask.cli.contents:export",
     "feedback": "rtask.cli.people:feedback",
@@ -81,7 +82,7 @@ _SECTIONS = {
         "history", "objects",
     ),
     "Load and change": (
-        "load", "update", "undo", "export", "ontology", "rules", "model",
+        "load", "update", "undo", "branch", "export", "ontology", "rules", "model",
         "world",
     ),
     "Teach and recognise": ("teach", "recognise", "segment", "camera"),

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = [
     "base_of",
     "connection",
+    "open_branch",
     "open_graph",
     "open_to_change",
     "open_to_read",
@@ -49,6 +50,26 @@ def open_to_change(data: Path, **options: Any) -> KnowledgeBase:
 
     Settings.load(data)
     return rtask.open(data, **options)
+
+
+@contextmanager
+def open_branch(data: Path, server: str | None, name: str) -> Iterator[KnowledgeBase]:
+    """Open a branch of a folder.
+
+    Raises
+    ------
+    UsageError
+        A server is named.
+    """
+    from rtask.errors import UsageError
+
+    if server:
+        raise UsageError(
+            "--branch needs a folder; a server answers at "
+            f"{server.rstrip('/')}/sparql?branch={name}"
+        )
+    with open_to_change(data) as kb:
+        yield kb.open_branch(name).graph
 
 
 def open_graph(data: Path, server: str | None) -> Graph:

@@ -24,7 +24,7 @@ from rtask.cli.options import (
     shown_rows,
     yes_option,
 )
-from rtask.cli.things import name_or_iri, resolve_object
+from rtask.cli.things import name_or_iri, no_object, resolve_object
 
 __all__ = ["objects"]
 
@@ -95,9 +95,7 @@ def show(name: str, data: Path, server: str | None, limit: int | None, as_json: 
         name = resolve_object(lambda text: kb.select(text).to_dicts(), name)
         object_iri = iri(present_name(kb, name))
         if not kb.match(object_iri, RT.objectId):
-            raise UnknownTermError(
-                f"no object {name} in the graph; `rtask objects list` shows what there is"
-            )
+            raise UnknownTermError(no_object(lambda text: kb.select(text).to_dicts(), object_iri))
         models = stored_models(kb, object_iri)
         shown = {
             "object": object_iri.value,

@@ -93,6 +93,9 @@ shapes_option = click.option(
     help="File of SHACL shapes to check against as well; may be repeated.",
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+branch_option = click.option(
+    "--branch", metavar="NAME", help="In this branch of the folder; see `rtask branch`."
+)
 yes_option = click.option(
     "--yes", "-y", is_flag=True, help="Do not ask before what cannot be undone."
 )

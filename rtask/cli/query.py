@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtask.cli.changing.new_folder import open_or_make
-from rtask.cli.connection import base_of, open_graph, reasoner_of
+from rtask.cli.connection import base_of, open_branch, open_graph, reasoner_of
 from rtask.cli.options import (
     agent_option,
     announce_undo,
+    branch_option,
     data_option,
     exit_if_empty,
     json_option,
@@ -64,6 +65,7 @@ _EMPTY = {
 @click.argument("text", required=False)
 @data_option
 @server_option
+@branch_option
 @click.option(
     "--file",
     type=click.Path(path_type=Path),
@@ -91,6 +93,7 @@ def query(
     text: str | None,
     data: Path,
     server: str | None,
+    branch: str | None,
     file: Path | None,
     form: str,
     as_json: bool,
@@ -108,7 +111,10 @@ def query(
     asked = read_text(text, file)
     if server and no_inferred:
         raise UsageError("--no-inferred needs a folder; with a server, name the graphs with FROM")
-    with open_graph(data, server) as kb, _predefining(asked, base_of(kb)) as whole:
+    graph: AbstractContextManager[Graph] = (
+        open_branch(data, server, branch) if branch else open_graph(data, server)
+    )
+    with graph as kb, _predefining(asked, base_of(kb)) as whole:
         if form == "table":
             answer = _print_answer(kb, whole, not no_inferred, timeout)
         else:
@@ -254,6 +260,7 @@ def _short(term: object, namespaces: dict[str, str]) -> str:
 @click.argument("text", required=False)
 @data_option
 @server_option
+@branch_option
 @click.option("--file", type=click.Path(path_type=Path), help="Read the update from a file.")
 @agent_option("Write as this robot or person, into its own graph. A server knows it by the token.")
 @click.option("--note", help="Remark to keep with the provenance.")
@@ -262,6 +269,7 @@ def update(
     text: str | None,
     data: Path,
     server: str | None,
+    branch: str | None,
     file: Path | None,
     agent: str | None,
     note: str | None,
@@ -273,9 +281,11 @@ def update(
     are predefined here, too.
     """
     asked = read_text(text, file)
-    graph: AbstractContextManager[Graph] = (
-        open_graph(data, server) if server else open_or_make(data)
-    )
+    graph: AbstractContextManager[Graph]
+    if branch:
+        graph = open_branch(data, server, branch)
+    else:
+        graph = open_graph(data, server) if server else open_or_make(data)
     with graph as kb, _predefining(asked, base_of(kb)) as whole:
         done = kb.update(whole, agent=agent, note=note)
     if done is None:
@@ -294,7 +304,9 @@ def update(
     click.echo(f"commit {done.seq}: +{done.added} -{done.removed}, {done.derived} derived")
     if done.remark:
         click.echo(done.remark, err=True)
-    if done.added or done.removed:
+    if branch:
+        announce_undo("branch", "drop", branch)
+    elif done.added or done.removed:
         announce_undo("undo", str(done.seq))
 
 

@@ -12,8 +12,9 @@ from rtask.errors import UnknownTermError, UsageError, nearest
 if TYPE_CHECKING:
     from rtask.asking.terms import Reader
     from rtask.graph import Graph
+    from rtask.rdf.terms import NamedNode
 
-__all__ = ["Select", "find_object", "name_or_iri", "reader_at", "resolve_object"]
+__all__ = ["Select", "find_object", "name_or_iri", "no_object", "reader_at", "resolve_object"]
 
 _PREFIXES = {*ontology.PREFIXES, "kb"}
 Select = Callable[[str], Sequence[Mapping[str, Any]]]
@@ -68,6 +69,25 @@ def resolve_object(select: Select, name: str) -> str:
     names = sorted({str(row["name"]) for row in _objects(select, "FILTER(BOUND(?name))")})
     hint = nearest(name, names) or "; `rtask objects list` shows what there is"
     raise UnknownTermError(f"no object is called {name!r}{hint}")
+
+
+def no_object(select: Select, term: NamedNode) -> str:
+    """Return the words for an IRI that stands for no object: nothing, or something else."""
+    from rtask.rdf.namespaces import PREFIXES
+
+    kinds = select(f"""{PREFIXES}
+SELECT DISTINCT ?kind WHERE {{ {term} a ?type FILTER(isIRI(?type))
+  OPTIONAL {{ ?type rdfs:label ?label FILTER(LANG(?label) = "en" || LANG(?label) = "") }}
+  BIND(COALESCE(STR(?label), REPLACE(STR(?type), "^.*[#/]", "")) AS ?kind)
+  FILTER NOT EXISTS {{ {term} a ?lower . ?lower rdfs:subClassOf ?type FILTER(?lower != ?type) }}
+}} ORDER BY ?kind LIMIT 3""")
+    if not kinds:
+        return f"no object {term.value} in the graph; `rtask objects list` shows what there is"
+    what = ", ".join(str(row["kind"]) for row in kinds)
+    return (
+        f"{term.value} is in the graph, but no object: its kind is {what}; `rtask history` and "
+        "`rtask query` take it"
+    )
 
 
 def name_or_iri(text: str, data: Path, server: str | None = None) -> str:

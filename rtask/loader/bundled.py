@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,13 +39,23 @@ def refresh(kb: GraphCore) -> Commit | None:
     request = Request(kb.access(), note=BUNDLED, kinds=kinds, trusted=True)
     with collector_paused(), kb.commit_block(request) as tx:
         for path in stale:
-            quads = list(parse(path=path, rename_blank_nodes=True))
-            name = _name(quads, path)
+            name, quads = _module(path, path.stat().st_mtime_ns)
             kinds[name] = "OntologyGraph"
             tx.clear(name)
             tx.add_quads(quads, name)
     _log.info("loaded %d modules of the bundled ontology", len(stale))
     return tx.commit
+
+
+@lru_cache(maxsize=64)
+def _module(path: Path, changed_ns: int) -> tuple[NamedNode, tuple[Quad, ...]]:
+    """Return the name of a module's graph and its statements there, as they were at a time.
+
+    They are kept: a process that opens one knowledge base after another parses each file once.
+    """
+    quads = list(parse(path=path, rename_blank_nodes=True))
+    name = _name(quads, path)
+    return name, tuple(Quad(quad.subject, quad.predicate, quad.object, name) for quad in quads)
 
 
 def _name(quads: list[Quad], path: Path) -> NamedNode:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Spot", "Spots", "extents_of"]
 
-_MAX_NESTING = 8
+_MAX_NESTING = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +102,12 @@ class Spots:
         """Return what a thing is in, the innermost first."""
         found: list[str] = []
         node = present(self.world, thing)
-        while len(found) < _MAX_NESTING:
+        while True:  # however deep: a cut would say of a thing that it is not inside
             placement = self.world.placement_at(node, self.time_s)
             if placement is None or placement.relation != "in" or placement.place in found:
                 return found
             found.append(placement.place)
             node = placement.place
-        return found
 
     def extent(self, thing: str) -> float | None:
         """Return the larger horizontal extent of a thing's product, m, or None."""

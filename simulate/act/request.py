@@ -14,7 +14,7 @@ from rtask.wire.message import Message, read
 from rtask.wire.types import Number, Pose, Text, Unit, Whole
 from simulate.robots import Arm, RobotDescription
 
-__all__ = ["ACTIONS", "PLANNERS", "ActMessage", "ActRequest"]
+__all__ = ["ACTIONS", "ActMessage", "ActRequest"]
 
 
 class ActMessage(Message):
@@ -48,7 +48,6 @@ class ActMessage(Message):
 
 
 ACTIONS = get_args(ActMessage.model_fields["action_type"].annotation)
-PLANNERS = get_args(ActMessage.model_fields["plan_name"].annotation)
 
 
 @dataclass(frozen=True)

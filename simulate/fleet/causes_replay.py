@@ -11,7 +11,7 @@ first robot's condition.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,22 +35,6 @@ COLUMNS = (
 _REPLAY = 73
 _CAP = 6
 _UNTRUE = ("look-alike", "random grasps")
-
-
-@dataclass(frozen=True)
-class _Meeting:
-    """What the robots of one fleet bring to one product.
-
-    Parameters
-    ----------
-    memory
-        Attempts at it, the product at which they were made, by kind of memory.
-    lessons
-        Of the other products.
-    """
-
-    memory: Mapping[str, tuple[Sequence[ReportedGrasp], Mapping[str, Any]]]
-    lessons: Lessons
 
 
 class _Fleet:

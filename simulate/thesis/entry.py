@@ -19,7 +19,9 @@ State = Literal["compared", "shown", "done differently", "not applicable"]
 
 _MATERIAL = {
     "simulate.thesis.runs.beyond": "",
+    "simulate.thesis.runs.calibration": "rendered chessboards",
     "simulate.thesis.runs.features": "simulated tables",
+    "simulate.thesis.runs.learners": "a world of two rooms",
     "simulate.thesis.runs.model": "simulated products",
     "simulate.thesis.runs.poses": "simulated products",
     "simulate.thesis.runs.push_figures": "stand-in outlines",
@@ -29,6 +31,7 @@ _MATERIAL = {
     "simulate.thesis.runs.recognition": "simulated products",
     "simulate.thesis.runs.robots": "a simulated Nao",
     "simulate.thesis.runs.sense": "simulated tables",
+    "simulate.thesis.runs.success": "simulated products",
 }
 """Modules of runs, and what stands in there for what the thesis did not publish."""
 

@@ -108,5 +108,10 @@ ENTRIES = (
     _ours("fig", "5.5", "5.8", "web application for grasping", why="page /tools/grasp"),
     _ours("listing", "kinematics", "5.7", "a service in code",
           why="tests/rtask/services/listing runs it, but for its lines of OpenRAVE"),
+    _ours("experiment", "asking", "6.2", "cost of asking against cost of failure",
+          why="`rtask study asking-price` measures what weighing the two saves: docs/tasks.md"),
+    _ours("experiment", "shared-environment", "6.2", "a copy, a simulated grasp, and back",
+          why="the graph is read as of any commit (docs/knowledge-base.md), and commits are undone "
+          "(docs/undoing.md); it has no copy that may be written to"),
     _shown("experiment", "belief", "6.2", "tolerance against cost", run="push_tables:belief"),
 )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 HOSTILE = '"><img src=x onerror="document.title=1">'
 PREFIXES = " ".join(f"PREFIX {name}: <{ontology.PREFIXES[name]}>" for name in ("rt", "cora"))
+TWICE_HELD = "urn:lab/object/3"
 OBJECT = "urn:lab/object/1"
 POINTS = 3_000
 
@@ -41,7 +43,7 @@ def _ply() -> bytes:
     return (head + rows + "\n").encode()
 
 
-def _grasp(number: int, theta: float, attempts: str) -> str:
+def _grasp(number: int, theta: float, attempts: str, owner: str = OBJECT) -> str:
     grasp = f"urn:lab/grasp/{number}"
     outcomes = "".join(
         f"""<{grasp}> rt:triedIn <{grasp}/a{k}> . <{grasp}/a{k}> a rt:GraspAttempt ;
@@ -51,7 +53,7 @@ def _grasp(number: int, theta: float, attempts: str) -> str:
         {"rt:reason_ok" if held == "+" else "rt:reason_slip_lift"} . """
         for k, held in enumerate(attempts)
     )
-    return f"""<{OBJECT}> rt:hasGrasp <{grasp}> . <{grasp}> a rt:PlanarGrasp ;
+    return f"""<{owner}> rt:hasGrasp <{grasp}> . <{grasp}> a rt:PlanarGrasp ;
       rt:gripperType "pinch" ; rt:jawOpening 0.06e0 ; rt:graspPose <{grasp}/pose> .
       <{grasp}/pose> a rt:PlanarPose ; rt:x 0e0 ; rt:y {0.01 * number}e0 ; rt:z 0.5e0 ;
       rt:theta {theta}e0 . {outcomes}"""
@@ -65,6 +67,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
         grasps = " ".join(
             _grasp(k, 0.5 * k, said) for k, said in enumerate(("+++", "+-", "--", ""), 1)
         )
+        grasps += _grasp(5, 0.0, "++", TWICE_HELD)
         tx.update(f"""{PREFIXES} INSERT DATA {{
           <{OBJECT}> a rt:Box ; rt:objectId "lab/1" ; rt:hasView <urn:lab/view/1> .
           <urn:lab/view/1> a rt:View ; rt:viewpoint <urn:lab/pose/1> ;
@@ -73,6 +76,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
             rt:qx 0e0 ; rt:qy 0e0 ; rt:qz 0e0 ; rt:qw 1e0 .
           <urn:lab/cloud/1> a rt:PointCloud ; rt:hasBlob <{blob}> .
           <urn:lab/robot/1> a cora:Robot . {grasps}
+          <{TWICE_HELD}> a rt:Box ; rt:objectId "lab/3" ; rt:hasView <urn:lab/view/1> .
           <urn:lab/object/2> a rt:Box ; rt:objectId "lab/2" . }}""")
         tx.add(OBJECT, ontology.NS + "name", HOSTILE)
     with running_server(folder) as running:
@@ -146,6 +150,34 @@ def test_without_webgl_three_flat_views_select_and_are_selected(
         page.get_by_label("Colours").select_option("height")
         assert _times_drawn(place) > 3
         assert fits(page)
+
+
+_PIXELS_OF = """(canvas, colour) => {
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4) {
+    count += colour.every((part, at) => data[i + at] === part);
+  }
+  return count;
+}"""
+HELD, FAILED = [36, 120, 206], [196, 98, 16]
+
+
+def test_a_grasp_that_always_held_is_drawn_in_the_colour_of_success(
+    browser_2d: Any, server: RunningServer
+) -> None:
+    """Held twice of two is no failure, however small the lower bound of its chance is."""
+    address = _address(server, TWICE_HELD)
+    with open_page(browser_2d, server.url, expected=("WebGL",)) as page:
+        page.goto(address)
+        _drawn_once(page)
+        canvas = page.locator("[data-place] canvas")
+        assert canvas.evaluate(_PIXELS_OF, HELD) > 50
+        assert canvas.evaluate(_PIXELS_OF, FAILED) == 0
+        assert len(re.findall(r"[\d.]+ × [\d.]+ × [\d.]+ cm", page.inner_text("main"))) == 1
+        page.goto(_address(server))  # one of its grasps failed twice of two
+        _drawn_once(page)
+        assert canvas.evaluate(_PIXELS_OF, FAILED) > 50
 
 
 def test_the_cloud_is_thinned_by_the_server_and_kept_by_the_browser(server: RunningServer) -> None:

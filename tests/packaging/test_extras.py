@@ -94,6 +94,8 @@ def test_every_extra_that_a_message_names_is_there() -> None:
         (["grasp", "push", "x.dxf"], "perception"),
         (["learn", "benchmark"], "perception"),
         (["simulate", "--robots", "1"], "simulate"),
+        (["study", "hands"], "simulate"),
+        (["thesis", "show", "kehoe-3.1"], "simulate"),
     ],
 )
 def test_a_missing_extra_is_one_line_that_names_it(

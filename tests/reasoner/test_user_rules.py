@@ -77,6 +77,14 @@ def test_several_template_triples_are_all_derived():
     ]
 
 
+def test_a_variable_that_a_pattern_repeats_is_one_term_at_first_and_later():
+    rule = PREFIX + "CONSTRUCT { ?a :out ?a } WHERE { ?a :p ?a }"
+    closure = Closure.build([], triples(":a :p :a, :b ."), [rule])
+    assert list(closure.inferred()) == [triple(":a :out :a")]
+    staged = closure.stage(add=triples(":b :p :b . :c :p :d ."))
+    assert staged.inferred_added == [triple(":b :out :b")]
+
+
 def test_rules_and_ontology_feed_each_other():
     rule = "CONSTRUCT { ?a :near ?b } WHERE { ?a a :Robot ; :beside ?b }"
     schema = (
@@ -96,13 +104,31 @@ def test_negation_sees_what_the_ontology_derives():
     ]
 
 
+ALONE = PREFIX + "CONSTRUCT { ?a :alone true } WHERE { ?a a :C FILTER NOT EXISTS { ?a :p ?x } }"
+
+
 def test_a_derived_fact_goes_when_its_absence_is_filled_and_comes_back():
-    rule = PREFIX + "CONSTRUCT { ?a :alone true } WHERE { ?a a :C FILTER NOT EXISTS { ?a :p ?x } }"
-    closure = Closure.build([], triples(":a a :C ."), [rule])
+    closure = Closure.build([], triples(":a a :C ."), [ALONE])
     filled = closure.stage(add=[triple(":a :p :b")])
     assert filled.inferred_removed == [triple(":a :alone true")]
     filled.apply()
     assert closure.stage(remove=[triple(":a :p :b")]).inferred_added == [triple(":a :alone true")]
+
+
+COVERS = PREFIX + (
+    "CONSTRUCT { ?x :covers ?y } WHERE { ?x a :C . ?y a :D "
+    "FILTER NOT EXISTS { ?y :p ?z FILTER NOT EXISTS { ?x :q ?z } } }"
+)
+
+
+def test_what_a_group_within_a_group_excuses_goes_and_comes_back_with_the_excuse():
+    data = ":x a :C . :y a :D ; :p :z ."
+    closure = Closure.build([], triples(data), [COVERS])
+    excused = closure.stage(add=[triple(":x :q :z")])
+    assert excused.inferred_added == [triple(":x :covers :y")]
+    excused.apply()
+    staged = closure.stage(remove=[triple(":x :q :z")])
+    assert (staged.inferred_added, staged.inferred_removed) == ([], [triple(":x :covers :y")])
 
 
 def test_negation_through_a_circle_is_refused_and_shown():

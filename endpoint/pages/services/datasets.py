@@ -24,7 +24,6 @@ __all__ = ["readable_datasets"]
 
 _Page = str | tuple[str, int] | WerkzeugResponse
 _RULE = "rule."
-_UNDECIDED = "fail"
 
 
 def readable_datasets() -> list[str]:

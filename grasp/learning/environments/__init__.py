@@ -7,12 +7,13 @@ registers them and the grasp problem with gymnasium, so that ``gymnasium.make`` 
 
 import gymnasium
 
+from grasp.learning.environments.delayed import DelayedActions
 from grasp.learning.environments.discretise import Bins
 from grasp.learning.environments.mountain_car import MountainCar
 from grasp.learning.environments.taxi import Taxi
 from grasp.learning.environments.two_rooms import TwoRooms
 
-__all__ = ["Bins", "MountainCar", "Taxi", "TwoRooms"]
+__all__ = ["Bins", "DelayedActions", "MountainCar", "Taxi", "TwoRooms"]
 
 for _world in (MountainCar, Taxi, TwoRooms):
     gymnasium.register(

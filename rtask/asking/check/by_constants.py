@@ -8,11 +8,16 @@ from rtask.asking.check.findings import Finding
 from rtask.asking.check.fitting import is_same_variable
 from rtask.asking.check.look import Look
 from rtask.asking.check.syntax.outline import Edge, Node
-from rtask.asking.check.types import TYPE, Context, Demand
+from rtask.asking.check.types import TYPE, Context, Demand, family
 from rtask.asking.check.vocabulary import local
 from rtask.asking.check.wording import demanded, label_of
 
 __all__ = ["ByConstants"]
+
+_READ_AS = {
+    "number": {"number"}, "text": {"text"}, "moment": {"moment"},
+    "quantity": {"number", "moment", "duration"},
+}  # fmt: skip
 
 
 class ByConstants(Look):
@@ -20,32 +25,38 @@ class ByConstants(Look):
 
     def findings(self, context: Context) -> Iterator[Finding]:
         """Yield the patterns of a context that its constants contradict."""
-        for edge in self._patterns(context):
-            words = self._words(edge, context)
+        own = {id(edge) for edge in context.own}
+        for edge in context.edges:
+            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
+                continue
+            words = self._words(edge, context, is_own=id(edge) in own)
             if words:
                 self._blamed.add(id(edge))
                 node = edge.steps[0].node
                 repairs = tuple(self._repairs.of(edge, context))
                 yield Finding("wrong-type", "likely", node.start, node.end, words, repairs)
 
-    def _words(self, edge: Edge, context: Context) -> str:
-        """Return what is wrong with a pattern; empty if nothing is."""
+    def _words(self, edge: Edge, context: Context, *, is_own: bool) -> str:
+        """Return what is wrong with a pattern; empty if nothing is.
+
+        What a filter of an OPTIONAL reads may stem from a pattern around it.
+        """
         if edge.steps[0].node.value == TYPE:
             return ""
         for demand in self._fitting.demands.of(edge, context) or ():
-            words = self._compared(demand, context) or self._kind(demand, context)
+            words = self._compared(demand, context) or (is_own and self._kind(demand, context))
             if words:
                 return words
         return ""
 
     def _compared(self, demand: Demand, context: Context) -> str:
-        """Return the words for a thing that is compared with a literal."""
-        if demand.is_thing is not True:
+        """Return the words for what an expression reads as another kind of value."""
+        if demand.is_thing is None:
             return ""
         for variable, kind in context.compared:
-            if is_same_variable(variable, demand.node):
+            if is_same_variable(variable, demand.node) and not _may_be(demand, kind):
                 what = demanded(self._vocabulary, demand)
-                return f"?{demand.node.value} is compared with a {kind}, but {what}"
+                return f"?{demand.node.value} is read as a {kind}, but {what}"
         return ""
 
     def _kind(self, demand: Demand, context: Context) -> str:
@@ -76,3 +87,16 @@ class ByConstants(Look):
             return "a class"
         specific = sorted(self._vocabulary.most_specific(kinds))
         return f"a {label_of(self._vocabulary, specific[0])}"
+
+
+def _may_be(demand: Demand, kind: str) -> bool:
+    """Return whether what stands at an end may be what an expression reads it as."""
+    if demand.is_thing:
+        return False
+    needed = _READ_AS.get(kind)
+    families = {family(datatype) for datatype in demand.datatypes}
+    if needed is None or not families or "" in families:
+        return True
+    named = {"moment" if name.startswith(("date", "time")) else name for name in families}
+    named = {"duration" if name.endswith("Duration") else name for name in named}
+    return bool(named & needed)

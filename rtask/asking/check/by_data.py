@@ -28,6 +28,8 @@ class ByData(Look):
             alone = any(node.kind == "iri" for node in edge.ends) and (
                 not self._evidence.matches(edge) and self._evidence.matches(turned)
             )
+            if self._fitting.has(turned):
+                continue  # asked both ways
             if alone or self._is_turned(edge, context):
                 self._blamed.add(id(edge))
                 place = "" if alone else " together with those beside it"
@@ -58,11 +60,14 @@ class ByData(Look):
     def _is_named_so(self, edge: Edge, context: Context) -> bool:
         """Return whether a variable of a pattern is called like what stands at its end."""
         by_name = kinds_by_name(self._vocabulary)
+        most = len(self._vocabulary.bit) // 2  # what is called an entity may be anything
         return any(
             demand.node.kind == "variable"
             and demand.bits is not None
-            and demand.bits & by_name.get(demand.node.value.lower(), 0)
+            and demand.bits & named
+            and named.bit_count() <= most
             for demand in self._fitting.demands.of(edge, context) or ()
+            for named in (by_name.get(demand.node.value.lower(), 0),)
         )
 
     def _unmet(self, edge: Edge, context: Context) -> Finding | None:

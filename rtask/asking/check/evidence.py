@@ -7,12 +7,13 @@ where the bound is reached, the answer is "perhaps".
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from itertools import islice
 
 from pyoxigraph import Literal, NamedNode
 
 import ontology
-from rtask.asking.check.syntax.outline import Edge, Node
+from rtask.asking.check.syntax.outline import Edge, Node, Step
 from rtask.asking.check.vocabulary import TOP, Vocabulary
 from rtask.kb.core import GraphCore
 from rtask.rdf.terms import RDF_TYPE, Term, stored
@@ -22,7 +23,35 @@ __all__ = ["Evidence"]
 MAX_ROWS, MIN_ROWS = 24, 12
 MIN_KINDS = 2
 MAX_ENDS = 30
-_KNOWN = 20_000
+_MOST = 20_000
+
+
+class _First:
+    """The first matches of a pattern.
+
+    Parameters
+    ----------
+    pairs
+        Subject and object of each.
+    is_all
+        Whether there are no others.
+    """
+
+    def __init__(self, pairs: list[tuple[Term, Term]], is_all: bool) -> None:
+        self.pairs, self.is_all = pairs, is_all
+
+    @cached_property
+    def _ends(self) -> tuple[frozenset[Term], frozenset[Term]]:
+        return frozenset(pair[0] for pair in self.pairs), frozenset(pair[1] for pair in self.pairs)
+
+    def ends(self, at: int) -> frozenset[Term]:
+        """Return the terms at an end."""
+        return self._ends[at]
+
+    @cached_property
+    def turned(self) -> _First:
+        """The same, walked the other way."""
+        return _First([pair[::-1] for pair in self.pairs], self.is_all)
 
 
 class Evidence:
@@ -39,13 +68,20 @@ class Evidence:
         self._seq = -1
         self._kb = kb
         self._answers: dict[object, int | None] = {}
+        self._of_edges: dict[str, _First] = {}
+        self._of_steps: dict[tuple[str, str, str], _First] = {}
+        self._kinds_of: dict[Term, frozenset[str]] = {}
         self.sound: set[int] = set()
 
     def refresh(self) -> None:
         """Forget what an earlier state answered."""
-        if self._seq != self._kb.seq or len(self._answers) + len(self.sound) > _KNOWN:
+        if (
+            self._seq != self._kb.seq
+            or len(self._answers) + len(self.sound) + len(self._kinds_of) > _MOST
+        ):
             self._seq = self._kb.seq
-            self._answers = {}
+            self._answers, self._of_edges, self._of_steps = {}, {}, {}
+            self._kinds_of = {}
             self.sound = set()
 
     def is_used(self, iri: str) -> bool:
@@ -73,9 +109,19 @@ class Evidence:
     def _kinds(self, term: Term, vocabulary: Vocabulary) -> frozenset[str]:
         if isinstance(term, Literal):
             return frozenset()
-        rows = self._quads(term, RDF_TYPE, None, None)
-        named = (quad.object.value for quad in rows if isinstance(quad.object, NamedNode))
-        return frozenset(iri for iri in named if iri in vocabulary.bit and iri not in TOP)
+        kinds = self._kinds_of.get(term)
+        if kinds is None:
+            rows = self._quads(term, RDF_TYPE, None, None)
+            named = (quad.object.value for quad in rows if isinstance(quad.object, NamedNode))
+            kinds = frozenset(iri for iri in named if iri in vocabulary.bit and iri not in TOP)
+            self._kinds_of[term] = kinds
+        return kinds
+
+    def has_kind(self, edge: Edge, at: int, bits: int, vocabulary: Vocabulary) -> bool:
+        """Return whether a thing at an end of a pattern is, or may be, in one of some classes."""
+        first = self._first(edge)
+        kinds = (kind for term in first.ends(at) for kind in self._kinds(term, vocabulary))
+        return not first.is_all or any(vocabulary.bit[kind] & bits for kind in kinds)
 
     def ends_of(self, iri: str, at: int, vocabulary: Vocabulary) -> int | None:
         """Return the bits of the classes of all subjects, or values, of a property.
@@ -130,8 +176,8 @@ class Evidence:
         key = ("general", edge.signature, at)
         if key not in self._answers:
             kinds: set[str] = set()
-            for ends in islice(self._rows(edge), MAX_ROWS):
-                kinds.update(vocabulary.most_specific(self._kinds(ends[at], vocabulary)))
+            for term in self._first(edge).ends(at):
+                kinds.update(vocabulary.most_specific(self._kinds(term, vocabulary)))
             self._answers[key] = len(kinds) > MIN_KINDS
         return bool(self._answers[key])
 
@@ -149,42 +195,65 @@ class Evidence:
 
     def matches(self, edge: Edge) -> bool:
         """Return whether a pattern matches anything by itself."""
-        key = ("edge", edge.signature)
-        if key not in self._answers:
-            self._answers[key] = next(self._rows(edge), None) is not None
-        return bool(self._answers[key])
+        return bool(self._first(edge).pairs)
 
     def is_common(self, edge: Edge) -> bool:
         """Return whether a pattern matches more than a few times."""
-        key = ("common", edge.signature)
-        if key not in self._answers:
-            rows = zip(range(MIN_ROWS), self._rows(edge), strict=False)
-            self._answers[key] = sum(1 for _ in rows) == MIN_ROWS
-        return bool(self._answers[key])
+        return len(self._first(edge).pairs) >= MIN_ROWS
 
     def meet(self, edge: Edge, at: int, other: Edge, other_at: int) -> bool | None:
         """Return whether two patterns match with the same term at an end; None for perhaps."""
         key = ("meet", edge.signature, at, other.signature, other_at)
         if key not in self._answers:
-            answer: int | None = self._meet(edge, at, other, other_at)
-            if answer is None:
-                answer = self._meet(other, other_at, edge, at)
-            self._answers[key] = answer
+            self._answers[key] = self._meet(edge, at, other, other_at)
         met = self._answers[key]
         return None if met is None else bool(met)
 
     def _meet(self, edge: Edge, at: int, other: Edge, other_at: int) -> bool | None:
-        seen: set[Term] = set()
-        for row, terms in enumerate(self._rows(edge)):
-            if row >= MAX_ROWS:
-                return None
-            term = terms[at]
-            if term in seen or (isinstance(term, Literal) and other_at == 0):
-                continue
-            seen.add(term)
-            if next(self._rows(other, other_at, term), None) is not None:
-                return True
-        return False
+        mine, others = self._first(edge), self._first(other)
+        if not mine.ends(at).isdisjoint(others.ends(other_at)):
+            return True
+        if mine.is_all and others.is_all:
+            return False
+        if mine.is_all or not others.is_all:
+            has_any = self._has_any(mine.ends(at), other, other_at)
+            if has_any or mine.is_all:
+                return has_any
+        has_any = self._has_any(others.ends(other_at), edge, at)
+        return has_any if has_any or others.is_all else None
+
+    def _has_any(self, terms: frozenset[Term], edge: Edge, at: int) -> bool:
+        """Return whether a pattern matches with one of some terms at an end."""
+        return any(
+            next(self._rows(edge, at, term), None) is not None
+            for term in terms
+            if at == 1 or not isinstance(term, Literal)
+        )
+
+    def _first(self, edge: Edge) -> _First:
+        """Return the first matches of a pattern; those of each property are first."""
+        first = self._of_edges.get(edge.signature)
+        if first is None:
+            parts = [self._of_step(edge, step) for step in edge.steps]
+            if len(parts) == 1:
+                first = parts[0]
+            else:
+                first = _First(
+                    [pair for part in parts for pair in part.pairs],
+                    all(part.is_all for part in parts),
+                )
+            self._of_edges[edge.signature] = first
+        return first
+
+    def _of_step(self, edge: Edge, step: Step) -> _First:
+        s, o = edge.ends[::-1] if step.is_inverse else edge.ends
+        key = (_sign(s), step.node.value, _sign(o))
+        first = self._of_steps.get(key)
+        if first is None:
+            rows = self._rows(Edge(s, [Step(step.node)], o, 0, 0))
+            pairs = list(islice(rows, MAX_ROWS + 1))
+            first = self._of_steps[key] = _First(pairs[:MAX_ROWS], len(pairs) <= MAX_ROWS)
+        return first.turned if step.is_inverse else first
 
     def _rows(
         self, edge: Edge, at: int | None = None, term: Term | None = None
@@ -210,3 +279,8 @@ def _term(node: Node) -> Term | None:
     if node.kind == "literal" and not node.datatype.endswith("langString"):
         return stored(Literal(node.value, datatype=NamedNode(node.datatype)))
     return None
+
+
+def _sign(node: Node) -> str:
+    """Return what of a node decides what a pattern matches."""
+    return "" if node.kind == "variable" else f"{node.kind} {node.value} {node.datatype}"

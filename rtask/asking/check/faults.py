@@ -83,6 +83,11 @@ class Faults:
         if conflict.is_certain and conflict.first.is_thing != conflict.other.is_thing:
             return False
         first, other = conflict.first, conflict.other
+        for demand, given in ((first, other), (other, first)):
+            is_type = demand.edge.steps[0].node.value == TYPE and len(demand.edge.steps) == 1
+            if is_type and demand.edge.object.kind == "variable" and demand.bits is not None:
+                # That it has a type is sure; whether it has one of those below a class is asked.
+                return self._evidence.has_kind(given.edge, given.at, demand.bits, self._vocabulary)
         return self._evidence.meet(first.edge, first.at, other.edge, other.at) is True
 
     def _culprit(self, conflicts: list[Conflict], context: Context) -> Edge:
@@ -106,7 +111,7 @@ class Faults:
         )
         doubt = count[id(edge)] + (1.5 if mends else 0.0)
         if len(edge.steps) == 1:
-            doubt -= 0.8 * min(self._fitting.merit(edge, context), 2.0)
+            doubt -= 0.8 * min(self._fitting.merit(edge, context, forgives=True), 2.0)
         return doubt, float(edge.start)
 
     def _conflict(self, edge: Edge, mine: list[Conflict], context: Context) -> Finding:

@@ -4,19 +4,30 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.naming.names import affinity, likeness
 from rtask.asking.check.naming.usual import usual_properties
 from rtask.asking.check.syntax.outline import Edge, Node, Outline, Step
-from rtask.asking.check.types import TYPE, Conflict, Context, Demand, Demands, contexts, overlap
+from rtask.asking.check.types import (
+    TYPE,
+    Conflict,
+    Context,
+    Demand,
+    Demands,
+    contexts,
+    family,
+    overlap,
+    read_demands,
+)
 from rtask.asking.check.vocabulary import Property, Vocabulary, local
 
 __all__ = ["Fitting", "is_same_variable", "replaced", "reversed_edge"]
 
 
 _NONE: frozenset[str] = frozenset()
+_FRACTIONS = {"double", "float", "decimal"}
 
 
 @dataclass(slots=True)
@@ -52,12 +63,21 @@ class _Need:
     def meets(self, given: int | None, kind: bool | None, types: frozenset[str]) -> bool:
         """Return whether an end of a property may be what is demanded."""
         if self.literal:
-            return kind is False and (not types or self.literal in types)
+            return kind is False and (not types or _may_equal(self.literal, types))
         if kind is not None and (not kind) in self.is_thing:
             return False
         if given is not None and not all(given & bits for bits in self.bits):
             return False
         return not types or all(overlap(types, others) for others in self.datatypes)
+
+
+def _may_equal(datatype: str, types: frozenset[str]) -> bool:
+    """Return whether a literal of a datatype may be among values of some: 3 among counts."""
+    if datatype in types or family(datatype) != "number":
+        return datatype in types
+    whole = local(datatype) not in _FRACTIONS
+    return any(family(kind) == "number" and (local(kind) not in _FRACTIONS) == whole
+               for kind in types)  # fmt: skip
 
 
 class Fitting:
@@ -69,6 +89,7 @@ class Fitting:
         self.demands = Demands(vocabulary, evidence)
         self.contexts = list(contexts(outline.body))
         self._at: dict[int, Context] = {}
+        self._statements: set[tuple[str, ...]] | None = None
         for context in self.contexts:
             for edge in context.own:
                 self._at.setdefault(id(edge), context)
@@ -82,6 +103,12 @@ class Fitting:
         """Return the context that a pattern stands in."""
         return self._at.get(id(edge))
 
+    def has(self, edge: Edge) -> bool:
+        """Return whether the query has a pattern somewhere, whatever way it is written."""
+        if self._statements is None:
+            self._statements = {_statement(own) for context in self.contexts for own in context.own}
+        return _statement(edge) in self._statements
+
     def conflicts_of(self, edge: Edge, context: Context) -> list[Conflict]:
         """Return the conflicts of one pattern, perhaps a changed one, with the others."""
         own = self.demands.of(edge, context)
@@ -89,7 +116,7 @@ class Fitting:
         if own is None:
             return conflicts
         for other in context.touching(edge):
-            if other.start == edge.start and other.end == edge.end and is_same_pattern(other, edge):
+            if is_written_once(other, edge):
                 continue
             given = self.demands.of(other, context)
             for demand in given or ():
@@ -98,6 +125,12 @@ class Fitting:
                         made = self.demands.between(mine, demand)
                         if made is not None:
                             conflicts.append(made)
+        for demand in read_demands(context, [end.value for end in edge.ends]):
+            for mine in own:
+                if is_same_variable(mine.node, demand.node):
+                    made = self.demands.between(mine, demand)
+                    if made is not None:
+                        conflicts.append(made)
         return conflicts
 
     def beside(self, edge: Edge, context: Context) -> dict[str, list[Demand]]:
@@ -105,10 +138,12 @@ class Fitting:
         names = {end.value for end in edge.ends if end.kind == "variable"}
         demands: dict[str, list[Demand]] = defaultdict(list)
         for other in context.touching(edge):
-            if other is not edge:
+            if other is not edge and not is_written_once(other, edge):
                 for demand in self.demands.of(other, context) or ():
                     if demand.node.kind == "variable" and demand.node.value in names:
                         demands[demand.node.value].append(demand)
+        for demand in read_demands(context, names):
+            demands[demand.node.value].append(demand)
         return demands
 
     def fits(
@@ -148,7 +183,7 @@ class Fitting:
             self.evidence.meet(edge, at, other, other_at)
             for other in context.touching(edge)
             if other.steps
-            if not is_same_pattern(other, edge)
+            if not is_written_once(other, edge)
             if not only_matching or self.evidence.matches(other)
             for at, mine in enumerate(edge.ends)
             for other_at, node in enumerate(other.ends)
@@ -187,8 +222,14 @@ class Fitting:
             rated.append((-(likeness(name, local(iri).lower()) - clash), iri))
         return [iri for _, iri in sorted(rated)]
 
-    def merit(self, edge: Edge, context: Context) -> float:
-        """Return how well a changed pattern that fits goes with names and data."""
+    def merit(self, edge: Edge, context: Context, *, forgives: bool = False) -> float:
+        """Return how well a changed pattern that fits goes with names and data.
+
+        Parameters
+        ----------
+        forgives
+            Whether not to count that it never meets one beside it, which may be the other's fault.
+        """
         merit = 0.0
         (step,) = edge.steps
         merit += 0.5 * self.usual.get(step.node.value, 0.0)
@@ -204,29 +245,44 @@ class Fitting:
         meets = self.meets(edge, context)
         if meets:
             merit += 0.8 * sum(met is True for met in meets) / len(meets)
-            merit -= 0.8 * sum(met is False for met in meets) / len(meets)
+            if not forgives:
+                merit -= 0.8 * sum(met is False for met in meets) / len(meets)
         return merit
 
 
 def reversed_edge(edge: Edge) -> Edge:
     """Return an edge with its predicates walked the other way."""
     steps = [Step(step.node, not step.is_inverse) for step in edge.steps]
-    return replace(edge, steps=steps)
+    return _changed(edge, edge.subject, steps, edge.object)
+
+
+def _statement(edge: Edge) -> tuple[str, ...]:
+    """Return what a pattern with one property says, from subject to value."""
+    if len(edge.steps) != 1:
+        return (str(edge.start),)
+    (step,) = edge.steps
+    about, value = edge.ends[:: -1 if step.is_inverse else 1]
+    return about.value, step.node.value, value.value
 
 
 def replaced(edge: Edge, node: Node, iri: str) -> Edge:
     """Return an edge with another term in the place of one."""
-    other = replace(node, value=iri)
+    other = Node(node.kind, iri, node.start, node.end, node.datatype)
     steps = [Step(other, step.is_inverse) if step.node is node else step for step in edge.steps]
     subject, value = (other if end is node else end for end in edge.ends)
-    return replace(edge, steps=steps, subject=subject, object=value)
+    return _changed(edge, subject, steps, value)
 
 
-def is_same_pattern(edge: Edge, other: Edge) -> bool:
-    """Return whether two edges are the same pattern, perhaps changed."""
-    return [step.node.start for step in edge.steps] == [
-        step.node.start for step in other.steps
-    ] and (edge.subject.start == other.subject.start and edge.object.start == other.object.start)
+def _changed(edge: Edge, subject: Node, steps: list[Step], value: Node) -> Edge:
+    return Edge(subject, steps, value, edge.start, edge.end, edge.is_loose, edge.is_path)
+
+
+def is_written_once(edge: Edge, other: Edge) -> bool:
+    """Return whether two edges have one predicate in the text, so that one cannot change alone.
+
+    They are the same, perhaps changed, or the predicate has several values.
+    """
+    return [step.node.start for step in edge.steps] == [step.node.start for step in other.steps]
 
 
 def is_same_variable(node: Node, other: Node) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from rtask.asking.check.findings import Edit, Finding, Repair
+from rtask.asking.check.repairs import turned_edits
 from rtask.asking.check.syntax.outline import Edge, Node, Outline
 from rtask.asking.check.types import family, range_of
 from rtask.asking.check.vocabulary import Property, Vocabulary, local
@@ -40,7 +41,14 @@ def check_literals(
 def _constant(edge: Edge, vocabulary: Vocabulary) -> Iterator[Finding]:
     (step,) = edge.steps
     axioms = vocabulary.properties.get(step.node.value)
-    value = edge.subject if step.is_inverse else edge.object
+    about, value = edge.ends[:: -1 if step.is_inverse else 1]
+    if about.kind == "literal":
+        words = (
+            f"the subject of {local(step.node.value)} is a literal here, of which nothing is said"
+        )
+        turned = Repair("turn the direction of the pattern", turned_edits(step))
+        yield Finding("reversed", "certain", step.node.start, step.node.end, words, (turned,))
+        return
     if axioms is None or value.kind == "variable":
         return
     name = local(axioms.iri)

@@ -8,18 +8,25 @@ import ontology
 from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.findings import Edit, Repair
 from rtask.asking.check.fitting import Fitting, is_same_variable, replaced, reversed_edge
-from rtask.asking.check.naming.names import affinity, likeness, properties_named
-from rtask.asking.check.syntax.outline import Edge, Node, Outline
+from rtask.asking.check.naming.meanings import head_of, kinds_of_word
+from rtask.asking.check.naming.names import affinities, affinity, likeness, properties_named
+from rtask.asking.check.syntax.outline import Edge, Node, Outline, Step
 from rtask.asking.check.syntax.writing import written
 from rtask.asking.check.types import TYPE, Context, Demand
 from rtask.asking.check.vocabulary import Vocabulary, local
 
-__all__ = ["Repairs"]
+__all__ = ["Repairs", "turned_edits"]
 
 _NS = ontology.NS
 _OFFERED = 3
-_TRIED = 16
-_NAMED = 0.6
+_TRIED = 12
+_NAMED, _NAMED_SO = 0.6, 0.8
+
+
+def turned_edits(step: Step) -> tuple[Edit, ...]:
+    """Return the edit that walks a predicate the other way."""
+    start = step.node.start
+    return (Edit(start - 1, start, "") if step.is_inverse else Edit(start, start, "^"),)
 
 
 class Repairs:
@@ -38,19 +45,15 @@ class Repairs:
         repairs: list[Repair] = []
         if step.node.value == TYPE:
             return self._other_classes(edge, context)
-        turned = reversed_edge(edge)
-        if not self._fitting.misfits(turned, context):
-            repairs.append(self.turned(edge))
         repairs += self.other_properties(edge, context)
+        if not self._fitting.misfits(reversed_edge(edge), context):
+            axioms = self._vocabulary.properties.get(step.node.value)
+            is_first = step.is_inverse or axioms is None or axioms.relates_things is not False
+            repairs.insert(0 if is_first else 1, self.turned(edge))  # few start from a literal
         return repairs[:_OFFERED]
 
     def turned(self, edge: Edge) -> Repair:
-        (step,) = edge.steps
-        start = step.node.start
-        words = "turn the direction of the pattern"
-        if step.is_inverse:
-            return Repair(words, (Edit(start - 1, start, ""),))
-        return Repair(words, (Edit(start, start, "^"),))
+        return Repair("turn the direction of the pattern", turned_edits(edge.steps[0]))
 
     def other_properties(
         self, edge: Edge, context: Context, wishes: Iterable[Demand] = ()
@@ -64,14 +67,21 @@ class Repairs:
         about, value = edge.ends[:: -1 if step.is_inverse else 1]
         fitting: list[tuple[float, str]] = []
         usual = self._fitting.usual
+        named = [
+            (weight, affinities(end.value, self._vocabulary))
+            for weight, end in ((0.4, about), (2.0, value))
+            if end.kind == "variable"
+        ]
+        kinds = self._kinds_named(value)
         for iri in self._fitting.fitting_properties(about, value, beside):
             if iri == node.value:
                 continue
             rating = 0.3 * likeness(self._vocabulary.lowered[iri], name) + 0.2 * iri.startswith(_NS)
             rating += 0.9 * usual.get(iri, 0.0)
-            for weight, end in ((0.4, about), (2.0, value)):
-                if end.kind == "variable":
-                    rating += weight * affinity(end.value, iri, self._vocabulary)
+            for weight, fit in named:
+                rating += weight * fit.get(iri, 0.0)
+            if kinds and kinds & (self._vocabulary.properties[iri].range or 0):
+                rating += _NAMED_SO
             fitting.append((-rating, iri))
         fitting.sort()
         rated = []
@@ -79,6 +89,12 @@ class Repairs:
             changed = replaced(edge, node, iri)
             rated.append((names - self._fitting.merit(changed, context), iri))
         return [self.written_as(node, iri) for _, iri in sorted(rated)[:_OFFERED]]
+
+    def _kinds_named(self, node: Node) -> int:
+        """Return the bits of the classes that a variable is called like."""
+        if node.kind != "variable":
+            return 0
+        return kinds_of_word(head_of(node.value), self._vocabulary)
 
     def has_attested(self, edge: Edge, context: Context, wish: Demand) -> bool:
         """Return whether the graph has, with another property, what a pattern is wished to be."""

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import ontology
 from rtask.asking.check.evidence import Evidence
+from rtask.asking.check.metamodel import CLASS, PROPERTIES
 from rtask.asking.check.syntax.outline import Edge, Group, Node, Step
 from rtask.asking.check.vocabulary import Property, Vocabulary
-from rtask.rdf.terms import RDF_TYPE
+from rtask.rdf.terms import RDF_TYPE, XSD
 
-__all__ = ["Conflict", "Context", "Demand", "contexts"]
+__all__ = ["Conflict", "Context", "Demand", "contexts", "read_demands"]
 
 TYPE = RDF_TYPE.value
+_SUB_CLASS = ontology.PREFIXES["rdfs"] + "subClassOf"
 _Ends: TypeAlias = tuple[int | None, bool | None, frozenset[str]]
 """Classes, whether things, and datatypes of one end."""
 
@@ -48,6 +50,15 @@ class Demand:
     def __post_init__(self) -> None:
         self.node = self.edge.object if self.at else self.edge.subject
 
+    @property
+    def is_of_terms(self) -> bool:
+        """Whether the end is a class or property, which people call ``?kind`` or as they like."""
+        return any(
+            step.node.value in PROPERTIES
+            or (step.node.value == TYPE and self.at == 1 - step.is_inverse)
+            for step in self.edge.steps
+        )
+
 
 @dataclass(slots=True)
 class Conflict:
@@ -71,7 +82,7 @@ class Context:
     columns
         Terms that VALUES gives to variables.
     compared
-        Variables of its own filters that are compared with a constant, and of what kind that is.
+        Variables that expressions read as values, and what they are read as.
     """
 
     own: list[Edge]
@@ -127,9 +138,31 @@ class Context:
         return listed
 
 
+_READ_AS = {
+    "number": ("double",), "text": ("string",), "moment": ("dateTime", "dateTimeStamp", "date"),
+    "quantity": ("double", "dateTime", "dateTimeStamp", "date"), "literal": (),
+}  # fmt: skip
+
+
+def read_demands(context: Context, names: Collection[str]) -> Iterator[Demand]:
+    """Yield what expressions, and literals that VALUES gives, demand of some variables."""
+    for node, kind in context.compared:
+        if node.value in names:
+            datatypes = frozenset(XSD + name for name in _READ_AS[kind])
+            yield Demand(Edge(node, [], node, -1, -1), 0, None, False, datatypes)
+    for name in names:
+        given = context.columns.get(name)
+        if given and all(term.kind == "literal" for term in given):
+            node = Node("variable", name, -1, -1)
+            datatypes = frozenset(term.datatype for term in given)
+            yield Demand(Edge(node, [], node, -1, -1), 0, None, False, datatypes)
+
+
 def contexts(group: Group, around: Context | None = None) -> Iterator[Context]:
     """Yield the context of a group, and those of the groups in it that need not match."""
     own = Context([], around.edges if around else [], dict(around.columns) if around else {})
+    if around is not None and group.role != "minus":
+        own.compared += around.compared
     apart: list[Group] = []
     _collect(group, own, apart)
     yield own
@@ -165,12 +198,14 @@ class Demands:
         return read[1]
 
     def _of(self, edge: Edge, context: Context) -> tuple[Demand, Demand] | None:
-        if edge.is_loose or not edge.steps:
+        if not edge.steps:
             return None
         ends = [self._of_step(step, edge, context) for step in edge.steps]
         subject = Demand(edge, 0, *_either([first[0] for first in ends]))
         value = Demand(edge, 1, *_either([first[1] for first in ends]))
-        if self._evidence is not None and len(edge.steps) == 1:
+        if edge.is_loose:  # it may be of length zero; one that can never begin is of no use
+            value.bits, value.is_thing, value.datatypes = None, None, frozenset()
+        elif self._evidence is not None and len(edge.steps) == 1:
             for demand in (subject, value):
                 self._observe(demand, self._evidence)
         return subject, value
@@ -189,7 +224,8 @@ class Demands:
         if step.node.value == TYPE:
             value = edge.ends[0 if step.is_inverse else 1]
             bits = self._members(value, context)
-            ends = ((bits, True, frozenset[str]()), nothing)
+            classes = self._vocabulary.below[CLASS]
+            ends = ((bits, True, frozenset[str]()), (classes, True, frozenset[str]()))
         else:
             axioms = self._vocabulary.properties.get(step.node.value)
             if axioms is None:
@@ -204,6 +240,13 @@ class Demands:
     def _members(self, node: Node, context: Context) -> int | None:
         """Return the bits of the classes that a pattern with rdf:type names."""
         nodes = [node] if node.kind == "iri" else context.columns.get(node.value, [])
+        if not nodes and node.kind == "variable":  # ?thing a/rdfs:subClassOf* rt:Container
+            nodes = [
+                edge.object for edge in context.having(node.value)
+                if [step.node.value for step in edge.steps] == [_SUB_CLASS]
+                and not edge.steps[0].is_inverse
+                and edge.subject.value == node.value and edge.object.kind == "iri"
+            ][:1]  # fmt: skip
         bits = 0
         for first in nodes:
             below = self._vocabulary.below.get(first.value)

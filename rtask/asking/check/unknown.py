@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import ontology
 from rtask.asking.check.findings import Edit, Finding, Repair, Severity
 from rtask.asking.check.fitting import Fitting
+from rtask.asking.check.metamodel import is_reserved, reserved_terms
 from rtask.asking.check.naming.names import likeness, may_be_like
 from rtask.asking.check.syntax.outline import Edge, Node, Outline
 from rtask.asking.check.syntax.writing import written
@@ -26,20 +27,12 @@ __all__ = ["Unknown"]
 _OFFERED = 3
 _MIN_LIKENESS, _NEAR = 0.55, 0.68
 _MAX_NAMES = 5_000
-_RDFS = ontology.PREFIXES["rdfs"]
-_SUB_CLASS = (_RDFS + "subClassOf", ontology.PREFIXES["owl"] + "disjointWith")
+_SUB_CLASS = (ontology.PREFIXES["rdfs"] + "subClassOf", ontology.PREFIXES["owl"] + "disjointWith")
 _OF_SERVICE = {
     ontology.NS + name for name in ("matches", "score", "text", "lang", "limit", "subjects")
 }
-_OF_RDFS = {
-    _RDFS + name
-    for name in (
-        "subClassOf", "subPropertyOf", "domain", "range", "label", "comment", "seeAlso",
-        "isDefinedBy", "member",
-    )
-}  # fmt: skip
 # These are open: applications use terms of them that no loaded ontology repeats.
-_OPEN = tuple(ontology.PREFIXES[name] for name in ("rdf", "rdfs", "owl", "xsd", "sh", "unit"))
+_OPEN = tuple(ontology.PREFIXES[name] for name in ("sh", "unit"))
 
 
 _DECLARED = re.compile(r"^rt:([\w-]+) a ", re.M)
@@ -104,9 +97,12 @@ class Unknown:
             words = f"{local(iri)} is answered inside SERVICE <{PLACE_SERVICE}> {{ }} only"
             yield Finding("needs-service", "certain", node.start, node.end, words)
             return
-        if iri == TYPE or iri in self._vocabulary.properties or iri in _OF_RDFS:
+        if iri == TYPE or iri in self._vocabulary.properties:
             return
-        if iri.startswith(_OPEN) and not iri.startswith(_RDFS):
+        if is_reserved(iri) is False:
+            yield from self._misspelt(node, edge)
+            return
+        if iri.startswith(_OPEN) or is_reserved(iri):
             return
         if iri in self._vocabulary.bit:
             words = f"{self._short(node)} is a class, not a property"
@@ -121,7 +117,10 @@ class Unknown:
 
     def _class(self, node: Node, edge: Edge) -> Iterator[Finding]:
         iri = node.value
-        if iri in self._vocabulary.bit or iri.startswith(_OPEN):
+        if is_reserved(iri) is False:
+            yield from self._misspelt(node, edge)
+            return
+        if iri in self._vocabulary.bit or iri.startswith(_OPEN) or is_reserved(iri):
             return
         if iri in self._vocabulary.properties:
             words = f"{self._short(node)} is a property, not a class"
@@ -142,6 +141,11 @@ class Unknown:
     def _mention(self, node: Node) -> Iterator[Finding]:
         """Yield a fault of an IRI that may be of any kind."""
         iri, vocabulary = node.value, self._vocabulary
+        if iri in self._outline.prefixes.values():
+            return  # STRSTARTS(STR(?term), STR(rt:)) asks for what is in it
+        if is_reserved(iri) is False:
+            yield from self._misspelt(node, None)
+            return
         if iri in vocabulary.bit or iri in vocabulary.properties or iri.startswith(_OPEN):
             return
         is_own = not self._kb.plain and iri.startswith(self._kb.base)
@@ -154,6 +158,18 @@ class Unknown:
             near = self._near(node, (*vocabulary.bit, *vocabulary.properties))
             words = f"there is no term {self._short(node)}"
             yield self._finding("unknown-term", node, words, near, None)
+
+    def _misspelt(self, node: Node, edge: Edge | None) -> Iterator[Finding]:
+        """Yield the fault of a term that a closed vocabulary does not have."""
+        if self._evidence.is_used(node.value):
+            return
+        name = local(node.value).lower()
+        rated = sorted(
+            (-likeness(name, local(iri).lower()), iri) for iri in reserved_terms(node.value)
+        )
+        near = [iri for rating, iri in rated if -rating >= _MIN_LIKENESS]
+        words = f"there is no term {self._short(node)}"
+        yield self._finding("unknown-term", node, words, near, edge, "certain")
 
     def _severity(self, iri: str, candidates: list[str]) -> Severity | None:
         """Return how sure it is that an unknown term is a fault; None for not at all."""
@@ -173,7 +189,7 @@ class Unknown:
         lowered = self._vocabulary.lowered
         for iri in known:
             other = lowered[iri]
-            if abs(len(other) - len(name)) > longest:
+            if not -longest <= len(other) - len(name) <= longest:
                 continue
             if not may_be_like(name, other, _MIN_LIKENESS - 0.1):
                 continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator
+from dataclasses import replace
 
 from rtask.asking.check.findings import Edit, Finding, Repair
 from rtask.asking.check.naming.names import likeness
@@ -23,6 +24,8 @@ def check_variables(outline: Outline) -> Iterator[Finding]:
     shown = {node.value for node in (*outline.projected, *outline.defined)}
     names = {node.value for node in bound} | {node.value for node in outline.defined}
     yield from _unbound(outline, bound, names, counts)
+    for inner in outline.inner:
+        yield from _unbound_inside(inner)
     yield from _once(outline, bound, counts, shown)
     yield from _slips(outline, bound, _mentioned(bound, used), counts, shown)
     yield from _grouping(outline)
@@ -45,7 +48,7 @@ def _bound(outline: Outline) -> list[Node]:
     binding: list[Node] = []
     for group in outline.body.walk():
         for edge in group.edges:
-            binding += [end for end in edge.ends if end.kind == "variable"]
+            binding += edge.variables
         binding += [node for node, _ in group.binds]
         binding += [node for node, _ in group.values]
         if group.graph is not None and group.graph.kind == "variable":
@@ -78,12 +81,13 @@ def _unbound(
     places = {node.value: node for node in bound if node.start < node.end}
     for group in outline.body.walk():
         asked += [node for nodes in group.filters for node in nodes]
-    if outline.form == "DESCRIBE" or _has_variable_predicates(outline):
+    if outline.form == "DESCRIBE":
         return
+    aliases = {node.value for node in outline.defined} - set(places)
     for node in asked:
         if node.value in names or node.start == node.end:
             continue
-        near = max(names, key=lambda name: likeness(node.value, name), default="")
+        near = max(names - aliases, key=lambda name: likeness(node.value, name), default="")
         repairs = _renamed(node, near) if likeness(node.value, near) >= 0.5 else ()
         if repairs and counts[near] == 1 and near in places:
             repairs = _renamed(places[near], node.value)  # the pattern is the one misspelt
@@ -91,8 +95,14 @@ def _unbound(
         yield Finding("unbound-variable", "likely", node.start, node.end, words, repairs)
 
 
-def _has_variable_predicates(outline: Outline) -> bool:
-    return any(not edge.steps for group in outline.body.walk() for edge in group.edges)
+def _unbound_inside(inner: Outline) -> Iterator[Finding]:
+    """Yield the variables that a sub-select shows and does not bind, though others may."""
+    bound = _bound(inner)
+    names = {node.value for node in bound} | {node.value for node in inner.defined}
+    counts = Counter(node.value for node in (*bound, *_used(inner)))
+    asked = Outline(inner.form, inner.body, projected=inner.projected, defined=inner.defined)
+    for finding in _unbound(asked, bound, names, counts):
+        yield replace(finding, words=finding.words + " of its sub-select")
 
 
 def _once(
@@ -210,7 +220,7 @@ def _bridges(outline: Outline) -> Iterator[Finding]:
     for group in outline.body.walk():
         inside: list[str] = []
         for edge in group.edges:
-            ends = [end for end in edge.ends if end.kind == "variable"]
+            ends = edge.variables
             # A thing that the query names connects its patterns; a class that it names does not.
             is_type = any(step.node.value == RDF_TYPE.value for step in edge.steps)
             named = [end for end in edge.ends if end.kind == "iri" and not is_type]
@@ -225,6 +235,8 @@ def _bridges(outline: Outline) -> Iterator[Finding]:
         for node, nodes in group.binds:
             join([node.value, *(branch.value for branch in nodes)])
         join([node.value for node, _ in group.values])
+        if group.defined:
+            join([*(node.value for node in group.defined), *_mentions(group)])
         # The branches of a UNION are alternatives, which nothing has to connect.
         branches = [child for child in group.children if child.role == "union"]
         join([f"union {id(group)}", *(name for branch in branches for name in _mentions(branch))])
@@ -248,7 +260,7 @@ def _mentions(group: Group) -> Iterator[str]:
     """Yield the variables of the patterns of a group and of those inside it."""
     for inner in group.walk():
         for edge in inner.edges:
-            yield from (end.value for end in edge.ends if end.kind == "variable")
+            yield from (node.value for node in edge.variables)
 
 
 def _bridge(nodes: list[Node], others: list[Node]) -> tuple[Repair, ...]:

@@ -17,6 +17,7 @@ from typing import TypeAlias
 from pyoxigraph import BlankNode, Literal, NamedNode
 
 import ontology
+from rtask.asking.check import metamodel
 from rtask.kb.core import GraphCore
 from rtask.rdf.terms import RDF_TYPE, XSD, Term
 
@@ -136,6 +137,9 @@ class Vocabulary:
                 self._class(part)
                 self._class(whole)
                 self.above[part.value].add(whole.value)
+        for iri, root in metamodel.KINDS.items():
+            self._class(NamedNode(iri))
+            self.above[iri].update({root} - {""})
         self._close()
         for a, b in self._quads(_OWL + "disjointWith"):
             if isinstance(a, NamedNode) and isinstance(b, NamedNode):
@@ -150,6 +154,12 @@ class Vocabulary:
             self._property(_RDFS + name).relates_things = True
         for name in ("label", "comment"):
             self._property(_RDFS + name).relates_things = False
+        for iri, ends in metamodel.PROPERTIES.items():
+            made = self._property(iri)
+            made.relates_things = True
+            for at, end in enumerate(ends):
+                if end and not (made.ranges if at else made.domains):
+                    self._constrain(made, at, [NamedNode(end)])
         for label in (_RDFS + "label", "http://www.w3.org/2004/02/skos/core#altLabel"):
             for term, text in self._quads(label):
                 if not isinstance(term, NamedNode) or not isinstance(text, Literal):
@@ -176,6 +186,8 @@ class Vocabulary:
         for part, wholes in self.above.items():
             for whole in wholes:
                 self.below[whole] |= self.bit[part]
+        for iri, root in metamodel.KINDS.items():  # a property may be of several kinds
+            self.below[iri] = self.below[root or iri]
 
     def _list(self, head: Term) -> list[str]:
         values: list[str] = []

@@ -194,7 +194,7 @@ def answer(
     Raises
     ------
     UsageError
-        The text is empty or longer than :data:`MAX_TEXT`.
+        The text is empty, longer than :data:`MAX_TEXT`, or of too many words.
     QueryTimeout
         A query took too long.
     UnsupportedError, GoneError, TooLargeError, BusyError

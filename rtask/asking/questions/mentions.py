@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import ontology
 from rtask.asking.questions.words import STOP, forms, stem
 from rtask.asking.terms import Reader
-from rtask.errors import RtaskError
+from rtask.errors import RtaskError, UsageError
 from rtask.rdf.terms import Literal, NamedNode, Term
 from rtask.sparql.results import Solutions
 
@@ -77,12 +77,22 @@ class Mention:
 
 
 def tokens_of(text: str) -> list[str]:
-    """Return the words, terms and quoted names of a question, at most :data:`MAX_WORDS`.
+    """Return the words, terms and quoted names of a question.
 
+    Raises
+    ------
+    UsageError
+        There are more than :data:`MAX_WORDS`; what the rest says would be missed in silence.
+
+    Examples
+    --------
     >>> tokens_of('Where is "the red mug", kb:object/7 or nao-1?')
     ['Where', 'is', '"the red mug"', 'kb:object/7', 'or', 'nao-1']
     """
-    return _TOKEN.findall(text)[:MAX_WORDS]
+    tokens = _TOKEN.findall(text)
+    if len(tokens) > MAX_WORDS:
+        raise UsageError(f"a question has at most {MAX_WORDS} words, not {len(tokens)}")
+    return tokens
 
 
 def find_mentions(

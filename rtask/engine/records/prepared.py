@@ -150,8 +150,9 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
         return Repeated(item.task_id or "", before, gripper)
     seen = observe_once(context, item, where)
     kinds = classes_named(context, item.class_description)
+    recogniser = context.views.recogniser  # which reads the index, a generation of its own, if new
     generation = context.views.generation
-    recognition = recognise(context.views.recogniser, seen, context.policy, _MAX_MATCHES)
+    recognition = recognise(recogniser, seen, context.policy, _MAX_MATCHES)
     question = question_for(
         context.policy, seen, recognition, item.object, gripper,
         () if item.object else tuple(kind.value for kind in kinds),

@@ -212,8 +212,8 @@ def _withdrawn(
     for node, quads in built.items():
         yield Conflict(
             "withdrawn",
-            f"the trunk has withdrawn {names(node)}, of which the branch states "
-            f"{len(quads)} statements",
+            f"the trunk has withdrawn {names(node)}, and {len(quads)} of the branch's "
+            "statements name it",
             _text(node),
             _lines(quads),
             _lines(gone[node]),

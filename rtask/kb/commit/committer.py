@@ -49,7 +49,7 @@ from rtask.kb.store.late_notes import LateNotes
 from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.quads import Derived, InGraph, QuadChain, parts_of, quads_written
 from rtask.kb.store.replacement import ReplacementError, is_large_removal, replace_contents
-from rtask.kb.store.union import union_change
+from rtask.kb.store.union import Copies, is_empty, union_change
 from rtask.kb.store.writes import Writes
 from rtask.rdf.bounds import MAX_LITERAL, characters, refuse_long_literal
 from rtask.rdf.terms import DEFAULT, LONG_AGO, GraphName, NamedNode
@@ -348,11 +348,15 @@ class Committer:
             whole = [part for part in parts if isinstance(part, InGraph)]
             looked_up = QuadChain(*(part for part in parts if not isinstance(part, InGraph)))
             copied = [part.triples for part in whole if Graphs.is_joined(part.graph)]
+            copies: list[Collection[Quad]] = [InGraph(triples, DEFAULT) for triples in copied]
+            # A new knowledge base, into which the ontology goes, has nothing to look up.
+            if not writes.removed and len(looked_up) > MAX_LATE and is_empty(self.store):
+                copies.append(Copies(looked_up))
+                looked_up = QuadChain()
             fresh = (self.graphs.provenance,)
             union = union_change(
                 self.store, writes.removed, looked_up, fresh, copied, change.holders
             )
-            copies = (InGraph(triples, DEFAULT) for triples in copied)
             writes = replace(
                 writes,
                 removed=QuadChain(writes.removed, union.removed),

@@ -172,8 +172,9 @@ class Overlay:
 
     def clear(self, graph: GraphName, drop: bool) -> None:
         """Remove all quads of a graph, and with ``drop`` the graph itself."""
-        for quad in [quad for quad in self.added if quad.graph_name == graph]:
-            del self.added[quad]
+        if graph in self.created or graph in self._stored:  # else nothing was added to it
+            for quad in [quad for quad in self.added if quad.graph_name == graph]:
+                del self.added[quad]
         stored = self.store.quads_for_pattern(None, None, None, graph)
         self.removed.update(dict.fromkeys(stored))
         if not drop or isinstance(graph, DefaultGraph):

@@ -18,7 +18,9 @@ from rtask.kb.store.quads import InGraph, parts_of
 from rtask.rdf.terms import DEFAULT, GraphName, TripleKey, triple_key
 
 __all__ = [
+    "Copies",
     "input_change",
+    "is_empty",
     "remaining",
     "union_change",
 ]
@@ -68,6 +70,34 @@ def union_change(
     for key in _lost(store, gone, is_joined, holders or Holders(store), (new, *besides)):
         change.removed[Quad(*key, DEFAULT)] = None
     return change
+
+
+def is_empty(store: GraphStore) -> bool:
+    """Whether the union holds nothing, as in a new knowledge base."""
+    return next(iter(store.quads_for_pattern(None, None, None, DEFAULT)), None) is None
+
+
+class Copies(Collection[Quad]):
+    """The quads of joined graphs among some, as the union has them; a triple may come twice.
+
+    Parameters
+    ----------
+    quads
+        Each pass over the copies is a pass over these.
+    """
+
+    def __init__(self, quads: Collection[Quad]) -> None:
+        self._quads = quads
+
+    def __len__(self) -> int:
+        return len(self._quads)
+
+    def __iter__(self) -> Iterator[Quad]:
+        is_joined = _Cached(Graphs.is_joined)
+        return (Quad(*triple_key(q), DEFAULT) for q in self._quads if is_joined[q.graph_name])
+
+    def __contains__(self, quad: object) -> bool:
+        return any(quad == copy for copy in self)
 
 
 def input_change(

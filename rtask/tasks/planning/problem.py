@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
-__all__ = ["Action", "Atom", "Goal", "Parameter", "Problem", "Step", "fixed_estimate"]
+__all__ = ["Action", "Atom", "Goal", "Parameter", "Problem", "Step"]
 
 Atom: TypeAlias = tuple[str, ...]
 """A predicate and its arguments: objects, or names of parameters in an action."""
@@ -26,11 +26,6 @@ class Parameter:
 
 Estimate: TypeAlias = Callable[[Mapping[str, str]], tuple[float, float]]
 """Duration, s, and chance of success of an action with these arguments."""
-
-
-def fixed_estimate(duration_s: float, chance: float = 1.0) -> Estimate:
-    """Return an estimate that is the same for all arguments."""
-    return lambda arguments: (duration_s, chance)
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ from rtask.errors import ForbiddenError
 from rtask.rdf.terms import prologue
 from simulate.fleet.sharing import sharing_study, summarise_sharing
 from simulate.study.day.command import summary_of as summary_of_days
-from simulate.study.day.trial import run_trial as live_day
+from simulate.study.declaration import Study
 from simulate.study.quality.promised import promise_figures
 from simulate.study.quality.report import quality_study
 from simulate.study.tasks.command import summary_of
-from simulate.study.tasks.trial import EVENTS, lab_update, run_trial
+from simulate.study.tasks.trial import EVENTS, lab_update
 from simulate.thesis.result import Compared, Result, Setting, share_of
 
 __all__ = ["inference", "lessons", "places", "plans", "promises", "rights"]
@@ -127,7 +127,7 @@ def lessons(setting: Setting) -> Result:
     fleets, things = setting.size(5, 1), setting.size(20, 4)
     study = sharing_study(fleets, 2, things, 4, setting.seed, True, "fast", "fragile",
                           ("nao", "panda"))  # fmt: skip
-    gain = summarise_sharing(study.in_process(), study.settings["max_attempts"])[
+    gain = summarise_sharing(setting.trials(study), study.settings["max_attempts"])[
         "shared_less_not_shared"
     ]
     change = gain["common"]["attempts"]
@@ -148,7 +148,7 @@ def promises(setting: Setting) -> Result:
     """Chance promised of a first grasp, beside the share that held, by quarters of the promise."""
     objects, draws = setting.size(90, 16), 4
     study = quality_study(objects, draws, setting.seed, alone=True)
-    results = study.in_process()
+    results = setting.trials(study)
     rows = []
     for hand in dict.fromkeys(str(result["hand"]) for result in results):
         figures = promise_figures([r for r in results if r["hand"] == hand], "held", "lift")
@@ -173,7 +173,8 @@ def plans(setting: Setting) -> Result:
     """Goals in words that are reached although something comes between."""
     goals = setting.size(100, 12)
     settings = {"seed": setting.seed, "things": 6, "slip": 0.1, "events": list(EVENTS)}
-    summary = summary_of([run_trial(settings, number) for number in range(goals)])
+    study = Study("goals", "simulate.study.tasks.trial:run_trial", settings, goals)
+    summary = summary_of(setting.trials(study))
     return Result(
         (
             share_of("goals reached of those that could be", summary["reached"],
@@ -197,7 +198,8 @@ def places(setting: Setting) -> Result:
         "seed": setting.seed, "hours": float(hours), "things": things,
         "questions": questions, "samples": samples,
     }  # fmt: skip
-    day = summary_of_days([live_day(settings, 0)])
+    study = Study("one day", "simulate.study.day.trial:run_trial", settings, 1)
+    day = summary_of_days(setting.trials(study))
     within = day["calibration"]["all"]
     counted = {
         verdict: sum(counts[verdict] for counts in day["verdicts"].values())

@@ -1,20 +1,14 @@
-"""The model module of Gatto 2016: Figures 15, 16 and 21 to 23."""
+"""The model module of Gatto 2016: Figures 15, 16, 22 and 23."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 import ontology as terms
 import rtask
 from features.geometry import finite_depth
-from grasp.charts import curve_chart
-from grasp.learning.agents import Dyna, QLearning, RMax, Sarsa, run_episodes
-from grasp.learning.agents.texplore import Texplore
-from grasp.learning.environments import TwoRooms
 from grasp.learning.state import GrowingComponents, pooled
 from grasp.spatial.grasp_plan import plan_on_cloud
 from grasp.spatial.gripper import nao_hand
@@ -23,7 +17,7 @@ from simulate.thesis.result import Compared, Result, Setting, counted
 from simulate.thesis.runs.pictures import png
 from simulate.thesis.runs.products import STAND_INS, turned
 
-__all__ = ["candidates", "learners", "object_state", "ontology", "task_properties"]
+__all__ = ["candidates", "object_state", "ontology", "task_properties"]
 
 
 def ontology(setting: Setting) -> Result:
@@ -59,48 +53,6 @@ def task_properties(setting: Setting) -> Result:
             "the thesis's task has an agent, an interval, a motion and a manipulation",
             f"ours: {', '.join(names)}",
         ),
-    )
-
-
-def learners(setting: Setting) -> Result:
-    """Learners of the table in one world: returns by episode, and time for an action."""
-    bins = TwoRooms.bins()
-    makers: dict[str, Callable[[int], Any]] = {
-        "TEXPLORE": lambda s: Texplore(bins, 4, seed=s),
-        "R-MAX": lambda s: RMax(bins, 4, seed=s),
-        "Dyna": lambda s: Dyna(bins, 4, seed=s),
-        "Sarsa": lambda s: Sarsa(bins, 4, seed=s),
-        "Q-learning": lambda s: QLearning(bins, 4, seed=s),
-    }
-    lives = setting.size(20, 3)
-    episodes = 20
-    rows, curves = [], {}
-    for name, make in makers.items():
-        returns, steps = [], 0
-        began = time.process_time()
-        for seed in range(setting.seed, setting.seed + lives):
-            world = TwoRooms()
-            world.reset(seed=1000 + seed)
-            life = run_episodes(make(seed), world, episodes, seed=seed)
-            returns.append([episode.reward for episode in life])
-            steps += sum(episode.steps for episode in life)
-        spent = time.process_time() - began
-        curves[name] = np.mean(returns, axis=0)
-        late = float(np.mean([life[10:] for life in returns]))
-        rows.append(Compared(f"{name}: mean return of episodes 11 to 20", late))
-        rows.append(Compared(f"{name}: time for an action", 1e3 * spent / max(steps, 1), unit="ms"))
-    low = float(min(c.min() for c in curves.values()))
-    chart = curve_chart(np.arange(1, episodes + 1), curves, "Two rooms", "episode", (low, 0.0),
-                        "return")  # fmt: skip
-    return Result(
-        tuple(rows),
-        (
-            "the table says yes or no for 18 methods, of which five are built; more episodes are "
-            "learned from where less samples are needed, and an action within .1 s is real time",
-            "delay of actuators, which the table promises of TEXPLORE, is not built",
-            *setting.shrunk("lives of each", 20, lives),
-        ),
-        {"returns": chart},
     )
 
 

@@ -1,27 +1,38 @@
-"""The sense module of Gatto 2016: Figures 5, 8, 9, 10, 12 and 13."""
+"""The sense module of Gatto 2016: Figures 5, 8, 9, 10, 12 and 13, culling."""
 
 from __future__ import annotations
 
+import tempfile
 import time
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from features.geometry import look_at
 from features.recognition.views.sift import detect_keypoints
+from features.scene_change import SceneChangeGate
 from features.segmentation import segment_scene
 from features.segmentation.segment import segment_cloud
 from simulate.thesis.result import Compared, Result, Setting, counted, share_of
 from simulate.thesis.runs.pictures import png
-from simulate.thesis.runs.tables_seen import SeenTable, seen_tables
+from simulate.thesis.runs.tables_seen import CAMERA, EYE, TARGET, SeenTable, seen_tables
+from simulate.world.camera import Camera, Lighting
+from simulate.world.noise import SensorNoise
+from simulate.world.objects import sample_objects, write_assets
+from simulate.world.scene import arrange
+from simulate.world.world import World
 
-__all__ = ["keypoints", "objects", "segmentation", "supervoxels", "table_hull"]
+__all__ = ["culling", "keypoints", "objects", "segmentation", "supervoxels", "table_hull"]
 
 Image = NDArray[np.uint8]
 
 _STAND_IN = "a simulated table and Kinect instead of the laboratory's"
 _LEAST_IOU = 0.5
+_STILL, _RATE_HZ = 8, 10.0
+_PRODUCTS = 4
 
 
 def objects(setting: Setting) -> Result:
@@ -138,3 +149,54 @@ def _painted(labels: NDArray[np.integer[Any]]) -> Image:
     colours = rng.integers(60, 255, (int(labels.max()) + 1, 3)).astype(np.uint8)
     colours[0] = 30
     return np.asarray(colours[np.maximum(labels, 0)], np.uint8)
+
+
+def culling(setting: Setting) -> Result:
+    """Offer frames of a table of which now and then a product is taken away."""
+    tables = setting.size(12, 2)
+    still = sent_still = changes = noticed = 0
+    for number in range(tables):
+        counts = _watched(np.random.default_rng([setting.seed, number, 0xC011]))
+        still, sent_still = still + counts[0], sent_still + counts[1]
+        changes, noticed = changes + counts[2], noticed + counts[3]
+    frames, sent = still + changes, sent_still + noticed
+    return Result(
+        (
+            share_of("frames of a table at rest that are sent", sent_still, still),
+            share_of("products taken away that are sent at once", noticed, changes),
+            share_of("frames that are sent", sent, frames),
+        ),
+        (
+            f"{_STILL} frames at {_RATE_HZ:g} Hz after each change, with a Kinect's noise; each "
+            "change is one of four products that is taken away",
+            "the thesis names the method of others and gives no figures",
+            *setting.shrunk("tables", 12, tables),
+        ),
+    )
+
+
+def _watched(rng: np.random.Generator) -> tuple[int, int, int, int]:
+    """Return frames at rest, those of them sent, changes, and those of them sent at once."""
+    specs = sample_objects(rng, _PRODUCTS)
+    gate, noise, light = SceneChangeGate(), SensorNoise(), Lighting.sample(rng)
+    now, still, sent_still, noticed = 0.0, 0, 0, 0
+    with tempfile.TemporaryDirectory(prefix="rtask-culling-") as folder, World() as world:
+        world.add_table(0.0)
+        bodies = [
+            world.spawn(p.spec, (p.x, p.y), p.yaw, write_assets(p.spec, Path(folder)))
+            for p in arrange(specs, rng)
+        ]
+        world.step(0.5)
+        camera, pose = Camera(world.client, CAMERA), look_at(EYE, TARGET)
+        for turn in range(_PRODUCTS + 1):
+            if turn:
+                world.remove(bodies[turn - 1])
+            exact, _ = camera.capture(pose, light)
+            for k in range(_STILL):
+                sent = gate.offer(noise.apply(exact, rng), now).send
+                now += 1 / _RATE_HZ
+                if k:
+                    still, sent_still = still + 1, sent_still + sent
+                elif turn:
+                    noticed += sent
+    return still, sent_still, _PRODUCTS, noticed

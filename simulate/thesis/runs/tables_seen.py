@@ -18,11 +18,11 @@ from simulate.world.objects import sample_objects, write_assets
 from simulate.world.scene import arrange
 from simulate.world.world import World
 
-__all__ = ["SeenTable", "seen_tables"]
+__all__ = ["CAMERA", "EYE", "TARGET", "SeenTable", "seen_tables"]
 
-_CAMERA = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
+CAMERA = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
 """As a Kinect registers depth to colour."""
-_EYE, _TARGET = np.array([-0.05, 0.0, 0.55]), np.array([0.22, 0.0, 0.02])
+EYE, TARGET = np.array([-0.05, 0.0, 0.55]), np.array([0.22, 0.0, 0.02])
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def seen_tables(count: int, on_table: int, seed: int, of: int = 0) -> Iterator[S
                 for p in arrange(specs, rng)
             )
             world.step(0.5)
-            pose = look_at(_EYE, _TARGET)
-            exact, shown = Camera(world.client, _CAMERA).capture(pose, Lighting.sample(rng))
+            pose = look_at(EYE, TARGET)
+            exact, shown = Camera(world.client, CAMERA).capture(pose, Lighting.sample(rng))
             down = pose[:3, :3].T @ np.array([0.0, 0.0, -1.0])
             yield SeenTable(SensorNoise().apply(exact, rng), shown, bodies, down)

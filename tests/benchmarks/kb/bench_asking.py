@@ -71,6 +71,16 @@ def lab_queries() -> list[tuple[str, str]]:
     return _further("asking_lab.rq", "lab")
 
 
+def style_queries() -> list[tuple[str, str]]:
+    """Return queries in styles of robot programmers, agents and SPARQL users, frozen as those."""
+    return _further("asking_styles.rq", "styles")
+
+
+def later_style_queries() -> list[tuple[str, str]]:
+    """Return queries in the same styles, written after the faults of those were mended."""
+    return _further("asking_styles_later.rq", "styles-later")
+
+
 def _further(file: str, stem: str) -> list[tuple[str, str]]:
     texts = (_HERE / file).read_text("utf-8").strip().split("\n\n")
     head = prologue(ontology.PREFIXES)
@@ -151,6 +161,8 @@ def main() -> None:
             ("written blind", blind_queries(), given.show if given.unseen else ""),
             ("written last", later_queries(), given.show if given.unseen else ""),
             ("of other laboratories", lab_queries(), given.show if given.unseen else ""),
+            ("in many styles", style_queries(), given.show if given.unseen else ""),
+            ("in styles, later", later_style_queries(), given.show if given.unseen else ""),
         ):
             print(f"queries {name}")
             measure(Bench(kb), texts, given.seed, show)
@@ -212,10 +224,13 @@ def report_words(shows_missed: bool) -> None:
             ("frozen before tuning", question_words.unseen(kb)),
             ("written afterwards", question_words.unseen(kb, "asking_fresh.toml")),
             ("written last", question_words.unseen(kb, "asking_third.toml")),
+            ("written with counts", question_words.unseen(kb, "asking_fourth.toml")),
         ):
             tried = list(tries)
             right = sum(one.is_filled for one in tried)
-            print(f"phrasings {name}: {right} of {len(tried)} right ({right / len(tried):.1%})")
+            wrong = sum(bool(one.got) and not one.is_filled for one in tried)
+            print(f"phrasings {name}: {right} of {len(tried)} right ({right / len(tried):.1%}), "
+                  f"{wrong} answered wrongly")  # fmt: skip
             for one in tried if shows_missed else ():
                 if not one.is_filled:
                     print(f"  {one.right} understood as {one.got or 'none'}: {one.asked}")

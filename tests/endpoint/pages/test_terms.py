@@ -14,6 +14,8 @@ import rtask
 from endpoint.access.tokens import TokenStore
 from endpoint.settings import Config
 from endpoint.wsgi import create_app
+from rtask.asking.cards import card_of, find_term, list_terms
+from rtask.asking.check.checker import Checker
 from rtask.engine import Engine
 from rtask.rdf.terms import prologue
 from tests.servers import new_application
@@ -71,6 +73,25 @@ def test_every_listed_term_has_a_card_whose_query_can_be_asked(
         card = client.get("/terms", query_string={"term": line["term"]}).get_json()
         assert card["kind"] == line["kind"]
         kb.select(prologue(ontology.PREFIXES) + card["example"])
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param("every", marks=pytest.mark.deep), "of a sample", "of a search"]
+)
+def test_the_check_finds_no_fault_in_the_query_of_a_card(
+    kb: rtask.KnowledgeBase, kind: str
+) -> None:
+    terms = [line.term for line in list_terms(kb.select)]
+    if kind == "of a sample":
+        terms = terms[::40]
+    elif kind == "of a search":
+        terms = ["rt:matches", "rt:score", "rt:text", "rt:limit", "rt:lang", "rt:waitsFor"]
+    checker = Checker(kb)
+    for term in terms:
+        card = card_of(kb.select, find_term(kb.select, term))
+        query = prologue(ontology.PREFIXES) + card.example
+        assert [finding.words for finding in checker.check(query)] == [], term
+        kb.query(query)
 
 
 def test_people_get_the_same_as_pages_that_lead_to_the_workbench(client: FlaskClient) -> None:

@@ -190,6 +190,11 @@ def test_a_question_has_a_length(kb: KnowledgeBase, text: str) -> None:
         answer(kb, text)
 
 
+def test_no_word_of_a_long_question_is_left_out_in_silence(kb: KnowledgeBase) -> None:
+    with pytest.raises(UsageError, match="at most 60 words, not 64"):
+        answer(kb, "so " * 60 + "where is the mug")
+
+
 @pytest.mark.parametrize(
     "text",
     ['where is "x\\" } } #"?', "where is <urn:x> } DROP ALL", "where is '''\"\"\" } DROP mug ?x"],

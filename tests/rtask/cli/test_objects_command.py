@@ -85,6 +85,9 @@ def test_an_iri_still_names_it(run: Run) -> None:
     code, _, err = run("show", "urn:o:99")
     assert code == 1
     assert "no object urn:o:99" in err
+    code, _, err = run("show", "urn:v:1")
+    assert code == 1
+    assert "urn:v:1 is in the graph, but no object: its kind is view" in err
 
 
 def test_a_name_of_two_objects_asks_for_the_iri(run: Run) -> None:

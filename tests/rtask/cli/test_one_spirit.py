@@ -53,6 +53,10 @@ _OF_FILES = {
     "serve": "is the server",
     "token create": "an operator's, on the machine of the server", "token expire": "as create",
     "token list": "as create", "token revoke": "as create",
+    **dict.fromkeys(
+        ("branch list", "branch make", "branch compare", "branch merge", "branch drop"),
+        "an operator's, on the machine of the server; robots use the address /branches",
+    ),
     "proposals list": "an operator's, on the machine of the server",
     "proposals show": "as list", "proposals adopt": "as list", "proposals refuse": "as list",
 }  # fmt: skip

@@ -10,12 +10,14 @@ import pytest
 from tests.rtask.cli.each.tree import walk_commands
 
 _FINAL = {
+    "branch drop",
     "dataset create", "dataset snapshot", "objects forget", "promote", "proposals refuse",
     "quarantine", "token revoke", "update", "load", "dataset put", "dataset remove",
     "dataset restore", "dataset prune",
 }  # fmt: skip
 """Commands that say of some changes that nothing undoes them."""
 _UNDONE = {
+    "branch make", "branch merge",
     "contributors withdraw", "dataset merge", "dataset prune", "dataset put", "dataset remove",
     "dataset restore", "episodes import", "feedback", "grasp push", "grasp space", "load",
     "migrate", "objects forget", "objects merge", "objects name", "objects split",
@@ -36,7 +38,8 @@ _OTHERS = {
 }  # fmt: skip
 """Commands that change something which needs no undoing, with the reason."""
 _READING = {
-    "ask", "contributors list", "dataset diff", "dataset get", "dataset list", "dataset show",
+    "ask", "branch compare", "branch list", "contributors list", "dataset diff",
+    "dataset get", "dataset list", "dataset show",
     "episodes ask", "objects list", "objects show", "query", "questions list", "recognise",
     "search", "tasks list", "token list", "where", "why",
 }  # fmt: skip

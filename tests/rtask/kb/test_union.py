@@ -8,6 +8,7 @@ import pytest
 
 import rtask
 from rtask.errors import StoreFormatError, UsageError
+from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
 
 _COUNT = "SELECT (COUNT(*) AS ?n) { ?s <urn:p> ?o }"
@@ -35,6 +36,23 @@ def test_a_triple_of_two_graphs_is_counted_once_unless_the_union_is_a_view(
         assert stats["shared"] == 1
         graph = kb.graphs.agent("nao-1").value
         assert len(kb.select(f"SELECT * FROM <{graph}> {{ ?s <urn:p> ?o }}")) == 1
+        assert kb.verify() == []
+
+
+@pytest.mark.parametrize("copies", [600, 6_000], ids=["stored at once", "stored in two steps"])
+def test_the_first_statements_of_all_are_counted_once_too_and_in_no_record(copies: int) -> None:
+    """A union that held nothing is filled without looking anything up."""
+    one, two = (
+        f"GRAPH <urn:g{graph}> {{ {' . '.join(f'<urn:a> <urn:p> {n}' for n in range(copies))} }}"
+        for graph in (1, 2)
+    )
+    with _open(":memory:") as kb:
+        commit = kb.update(f"INSERT DATA {{ {one} {two} }}", access=Access(None, "admin"))
+        assert (commit.added, _count(kb)) == (2 * copies, copies)
+        assert kb.verify() == []
+        kb.update("DELETE DATA { GRAPH <urn:g1> { <urn:a> <urn:p> 0 , 1 } }")
+        kb.update("DELETE DATA { GRAPH <urn:g2> { <urn:a> <urn:p> 1 } }")
+        assert _count(kb) == copies - 1
         assert kb.verify() == []
 
 

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from rtask.tasks.planning.problem import Action, Atom, Parameter, Problem, fixed_estimate
+from rtask.tasks.planning.problem import Action, Atom, Estimate, Parameter, Problem
+
+
+def fixed_estimate(duration_s: float, chance: float = 1.0) -> Estimate:
+    """Return an estimate that is the same for all arguments."""
+    return lambda arguments: (duration_s, chance)
+
 
 PICK = Action(
     "pick",

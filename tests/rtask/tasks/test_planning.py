@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 
 from rtask.errors import SearchLimit
-from rtask.tasks.planning.problem import Action, Parameter, Problem, fixed_estimate
+from rtask.tasks.planning.problem import Action, Parameter, Problem
 from rtask.tasks.planning.search import find_plan, goal_costs
 from rtask.tasks.planning.unsolvable import explain_unsolvable
-from tests.rtask.tasks.lab import PICK, PLACE, lab
+from tests.rtask.tasks.lab import PICK, PLACE, fixed_estimate, lab
 
 LID = tuple(
     Action(name, (Parameter("o", "thing"),), needs, adds, deletes, fixed_estimate(1.0))

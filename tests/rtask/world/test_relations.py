@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import itertools
 
 import pytest
 
@@ -100,6 +101,17 @@ def test_what_is_inside_also_of_what_is_inside(lab, ask, things):
     }  # fmt: skip
     near = f"<{cup}> rtf:near <{BASE}frame/map> ; rtf:within 1.6 ; rtf:distance ?d"
     assert ask(near, 25)[0]["d"] == pytest.approx(1.5), "it is where the box is"
+
+
+def test_what_is_inside_is_found_however_deep_it_lies(lab, ask, things):
+    cup, box, *_ = things
+    beside = [lab.see(lab.box, 0.5 + 0.3 * k, 0.0, 0, frame=lab.table) for k in range(1, 11)]
+    chain = [cup, box, *beside]
+    for k, (inner, outer) in enumerate(itertools.pairwise(chain)):
+        lab.put(inner, "in", outer, 20 + k)
+    assert {row["c"] for row in ask(f"<{cup}> rtf:inside ?c", 60)} == set(chain[1:])
+    near = f"<{cup}> rtf:near <{BASE}frame/map> ; rtf:within 9 ; rtf:distance ?d"
+    assert ask(near, 60)[0]["d"] == pytest.approx(4.5), "it is where the outermost box is"
 
 
 def test_what_a_robot_reaches_by_its_places_and_by_its_arm(lab, ask, things):

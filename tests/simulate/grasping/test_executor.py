@@ -198,7 +198,13 @@ def test_a_loss_during_transport_keeps_held_is_named_and_nothing_is_set_down(can
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("robot", "place"), [("panda", (0.47, -0.10)), ("nao", (0.15, -0.10))])
+@pytest.mark.parametrize(
+    ("robot", "place"),
+    [
+        ("panda", (0.47, -0.10)),
+        pytest.param("nao", (0.15, -0.10), marks=pytest.mark.deep),
+    ],
+)
 def test_landing_beside_the_box_is_drop_outside_as_all_of_the_box_is_seen(robot, place):
     with Workcell(robot, preset="fast") as cell:
         world = cell.world

@@ -43,6 +43,15 @@ def cell(request: pytest.FixtureRequest) -> Iterator[Workcell]:
         yield cell
 
 
+WITH_A_CUP = pytest.mark.parametrize(
+    "cell",
+    [HANDS[0], pytest.param(HANDS[1], marks=pytest.mark.deep)],
+    indirect=True,
+    scope="module",
+)
+"""For what all hands have in common: three fingers as well where tests run deep."""
+
+
 def put_box(cell: Workcell, mass: float = 0.2, size: tuple[float, float, float] = SIZE) -> int:
     body = cell.world.spawn(ObjectSpec("box", size, mass, 0, "box"), PLACE)
     cell.world.step(0.3)
@@ -109,6 +118,7 @@ def test_the_wrist_behind_a_cup_is_as_wide_as_the_flange_of_its_arm() -> None:
     assert cup_with_wrist(panda, told) == told.cup
 
 
+@WITH_A_CUP
 def test_where_nothing_stands_nothing_is_held(cell: Workcell) -> None:
     plan = cell.executor.plan(posed(cell))
     assert not isinstance(plan, str), plan
@@ -117,6 +127,7 @@ def test_where_nothing_stands_nothing_is_held(cell: Workcell) -> None:
     assert not record.judged_held.is_yes
 
 
+@WITH_A_CUP
 def test_the_act_service_grasps_and_puts_down(cell: Workcell) -> None:
     body = put_box(cell, size=(0.036, 0.036, 0.06))  # as large as the service assumes
     try:
@@ -135,6 +146,7 @@ def test_the_act_service_grasps_and_puts_down(cell: Workcell) -> None:
         cell.world.remove(body)
 
 
+@WITH_A_CUP
 def test_the_way_home_goes_around_what_was_put_down(cell: Workcell) -> None:
     body = put_box(cell)
     try:
@@ -175,7 +187,7 @@ def test_a_file_describes_the_hand(tmp_path: Path) -> None:
         describe("panda", hand="suction:wide")
 
 
-@pytest.mark.parametrize("hand", HANDS)
+@pytest.mark.parametrize("hand", [HANDS[0], pytest.param(HANDS[1], marks=pytest.mark.deep)])
 def test_a_robot_of_a_urdf_takes_the_hand_and_its_settings_keep_it(
     hand: str, tmp_path: Path
 ) -> None:

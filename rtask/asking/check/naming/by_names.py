@@ -77,7 +77,7 @@ class ByNames(Look):
         by_name = kinds_by_name(self._vocabulary)
         for edge in self._patterns(context):
             for demand in self._fitting.demands.of(edge, context) or ():
-                if demand.node.kind != "variable" or demand.is_observed:
+                if demand.node.kind != "variable" or demand.is_observed or demand.is_of_terms:
                     continue
                 usual = kinds.get(demand.node.value, 0)
                 is_odd = usual and demand.bits is not None and not demand.bits & usual

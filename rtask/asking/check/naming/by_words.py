@@ -68,7 +68,9 @@ class ByWords(Look):
         """Return whether the last word of a variable is that of something else."""
         iri = edge.steps[0].node.value
         word = head_of(demand.node.value)
-        if not word or demand.is_observed or self._is_named_after(demand, edge):
+        if not word or demand.is_observed or demand.is_of_terms:
+            return False
+        if self._is_named_after(demand, edge):
             return False
         if self._is_agreed(demand, edge, context):
             return False

@@ -22,10 +22,13 @@ __all__ = [
 ]  # fmt: skip
 
 _OWN = (ontology.NS, ontology.PREFIXES["cora"])
-_PHYSICAL = ontology.PREFIXES["sumo"] + "Physical"
 _PERSONS = {"who", "whom", "whose"}
 _MOMENTS = {"when", "since", "until", "start", "begin", "end", "time"}
 _ADJECTIVES = ("ed", "ing", "able", "ent", "al")
+_PARTICIPLES = {"bound", "found", "held", "lost", "known", "seen", "done", "taken", "given",
+                "built", "sent", "kept", "left", "made", "met", "put", "set", "won", "read",
+                "written", "chosen", "said"}  # fmt: skip
+_NO_NOUNS = {"", *_MOMENTS, *_PARTICIPLES}
 _LOWER = {"part", "child", "kid", "piece", "inner", "content", "sub", "narrower", "member",
           "descendant"}  # fmt: skip
 _UPPER = {"whole", "parent", "outer", "container", "super", "broader", "ancestor", "surface",
@@ -67,7 +70,7 @@ def literals_by_word(vocabulary: Vocabulary) -> Mapping[str, frozenset[str]]:
         word = head_of(local(iri))
         if axioms.relates_things is True:
             others.add(word)
-        elif axioms.datatypes and word and word not in _MOMENTS and not word.endswith(_ADJECTIVES):
+        elif axioms.datatypes and word not in _NO_NOUNS and not word.endswith(_ADJECTIVES):
             kinds = {family(kind) for kind in axioms.datatypes}
             families.setdefault(word, set()).update(
                 "dateTime" if kind.startswith("dateTime") else kind for kind in kinds

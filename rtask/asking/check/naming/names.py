@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Mapping
 from functools import lru_cache
 
 from rtask.asking.check.vocabulary import Vocabulary, local
 
-__all__ = ["affinity", "likeness", "may_be_like", "properties_named", "words_of"]
+__all__ = ["affinities", "affinity", "likeness", "may_be_like", "properties_named", "words_of"]
 
+_VARIABLES = 2_000
 _PART = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 
 
@@ -91,7 +93,26 @@ def _affinity(variable: str, name: str, label: str) -> float:
 def properties_named(variable: str, vocabulary: Vocabulary) -> list[str]:
     """Return the properties that may have a word in common with a variable, sorted."""
     index = _properties_by_word(vocabulary)
-    return sorted({iri for word in words_of(variable) for iri in index.get(word[:4], ())})
+    starts = {start for word in words_of(variable) for start in (word[:4], word.rstrip("s")[:4])}
+    return sorted({iri for start in starts for iri in index.get(start, ())})
+
+
+def affinities(variable: str, vocabulary: Vocabulary) -> Mapping[str, float]:
+    """Return how well the name of a variable fits each property, where it does at all."""
+    by_variable = _affinities(vocabulary)
+    if variable not in by_variable:
+        if len(by_variable) > _VARIABLES:
+            by_variable.clear()
+        by_variable[variable] = {
+            iri: affinity(variable, iri, vocabulary)
+            for iri in properties_named(variable, vocabulary)
+        }
+    return by_variable[variable]
+
+
+@lru_cache(maxsize=4)
+def _affinities(vocabulary: Vocabulary) -> dict[str, dict[str, float]]:
+    return {}
 
 
 @lru_cache(maxsize=4)
@@ -100,7 +121,8 @@ def _properties_by_word(vocabulary: Vocabulary) -> dict[str, list[str]]:
     for iri in vocabulary.properties:
         labels = " ".join(vocabulary.labels.get(iri, ()))
         for word in {*words_of(local(iri)), *labels.split()}:
-            by_beginning.setdefault(word[:4], []).append(iri)
+            for start in {word[:4], word.rstrip("s")[:4]}:
+                by_beginning.setdefault(start, []).append(iri)
     return by_beginning
 
 

@@ -63,6 +63,7 @@ def usual_kinds(vocabulary: Vocabulary) -> Mapping[str, int]:
                 for demand in demands.of(edge, context) or ():
                     name = demand.node.value
                     is_named = demand.node.kind == "variable" and name in known
+                    is_named = is_named and not demand.is_of_terms
                     if is_named and demand.bits is not None:
                         usual[name] = usual.get(name, 0) | demand.bits
     return MappingProxyType(usual)

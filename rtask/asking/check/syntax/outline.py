@@ -63,6 +63,8 @@ class Edge:
         Whether a path may be of length zero, so that nothing is known of its ends.
     is_path
         Whether it is a part of a longer path, or repeated.
+    predicate
+        Variable that stands for its predicate.
     start, end
         Place of the pattern in the text, its object included.
     """
@@ -74,6 +76,7 @@ class Edge:
     end: int
     is_loose: bool = False
     is_path: bool = False
+    predicate: Node | None = None
     _signature: str = field(default="", init=False, repr=False, compare=False)
     _pattern: str = field(default="", init=False, repr=False, compare=False)
 
@@ -106,6 +109,12 @@ class Edge:
         """Subject and object."""
         return self.subject, self.object
 
+    @property
+    def variables(self) -> list[Node]:
+        """Variables at its ends, and the one for its predicate."""
+        ends = [end for end in self.ends if end.kind == "variable"]
+        return ends if self.predicate is None else [*ends, self.predicate]
+
 
 @dataclass(slots=True)
 class Group:
@@ -126,9 +135,12 @@ class Group:
     values
         Variables of VALUES, with the terms of their columns.
     compared
-        Variables that expressions compare with a constant, each with ``number`` or ``literal``.
+        Variables that expressions read as values, each with what they must be there: ``number``,
+        ``text``, ``moment``, ``quantity`` (a number or a moment) or ``literal``.
     graph
         Term after GRAPH, for a group of that kind.
+    defined
+        Variables that the sub-select in it defines, of what is inside.
     """
 
     role: Role
@@ -141,6 +153,7 @@ class Group:
     values: list[tuple[Node, list[Node]]] = field(default_factory=list)
     compared: list[tuple[Node, str]] = field(default_factory=list)
     graph: Node | None = None
+    defined: list[Node] = field(default_factory=list)
 
     def walk(self) -> Iterator[Group]:
         """Yield this group and all inside it."""
@@ -173,6 +186,8 @@ class Outline:
         Every IRI outside triple patterns, such as in expressions.
     prefixes
         Namespaces by prefix.
+    inner
+        Outlines of its sub-selects.
     """
 
     form: str
@@ -184,3 +199,4 @@ class Outline:
     grouped: list[Node] | None = None
     iris: list[Node] = field(default_factory=list)
     prefixes: dict[str, str] = field(default_factory=dict)
+    inner: list[Outline] = field(default_factory=list)

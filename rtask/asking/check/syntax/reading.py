@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from rtask.asking.check.syntax.outline import Edge, Group, Node, Outline, Role
 from rtask.asking.check.syntax.paths import Path, links_of, steps_of
+from rtask.asking.check.syntax.read_as import read_as
 from rtask.asking.check.syntax.term_reader import TermReader
 
 __all__ = ["read_outline"]
 
-_COMPARISONS = {"<", ">", "<=", ">=", "=", "!="}
-_STARTS = {"(", "&&", "||", "!"}  # behind an operator a variable is part of a larger expression
 _BEHIND_WHERE = ("GROUP", "HAVING", "ORDER", "LIMIT", "OFFSET", "VALUES")
 
 
@@ -27,12 +26,17 @@ def read_outline(text: str, base: str = "") -> Outline:
 class _Reader(TermReader):
     """One pass over the tokens of a query."""
 
+    def __init__(self, text: str, base: str) -> None:
+        super().__init__(text, base)
+        self._inner: list[Outline] = []
+
     # The query.
 
     def query(self) -> Outline:
         self._prologue()
         outline = self._select(inner=False)
         outline.iris, outline.prefixes = self.iris, self._prefixes
+        outline.inner = self._inner
         return outline
 
     def _prologue(self) -> None:
@@ -69,7 +73,9 @@ class _Reader(TermReader):
         if self._now.is_word("WHERE"):
             self._next()
         if self._is("{"):
+            read = outline.body.compared
             outline.body = self._group("plain", outline)
+            outline.body.compared += read
         self._behind_where(outline, inner)
         return outline
 
@@ -182,6 +188,8 @@ class _Reader(TermReader):
                 if node.value not in shown:
                     node.value += f" {self._fresh}"
         group.children.append(inner.body)
+        self._inner.append(inner)
+        group.defined = inner.defined
         for node in inner.defined:
             group.binds.append((node, []))
         for node in inner.mentioned:
@@ -242,20 +250,12 @@ class _Reader(TermReader):
                     break
             elif token.kind == "variable":
                 variables.append(self._variable(token))
-                self._comparison(variables[-1], group)
+                kind = read_as(self._tokens, self._at - 1)
+                if kind:
+                    group.compared.append((variables[-1], kind))
             elif token.kind in ("name", "iri"):
                 self.iris.append(self._iri(token))
         return variables
-
-    def _comparison(self, variable: Node, group: Group) -> None:
-        """Note the literal that the variable just read is compared with, if it stands beside it."""
-        before, mark = self._tokens[self._at - 2], self._now
-        value = self._tokens[min(self._at + 1, len(self._tokens) - 1)]
-        if mark.kind == "mark" and mark.text in _COMPARISONS and before.text in _STARTS:
-            if value.kind == "number":
-                group.compared.append((variable, "number"))
-            elif value.kind == "string":
-                group.compared.append((variable, "literal"))
 
     # Triple patterns.
 
@@ -322,6 +322,7 @@ def _connect(reader: _Reader, group: Group, subject: Node, path: Path, value: No
     edge = Edge(subject, steps_of(inner), value, min(subject.start, path.start), value.end)
     edge.is_loose = path.kind == "loose"
     edge.is_path = path.kind in ("repeated", "loose")
+    edge.predicate = path.node if path.kind == "variable" else None
     group.edges.append(edge)
     if not edge.steps and path.kind != "variable":
         reader.iris += links_of(path)
@@ -331,7 +332,7 @@ def _variables(outline: Outline) -> list[Node]:
     """Return every mention of a variable in a query, once each."""
     mentions = [*outline.projected, *outline.defined, *outline.mentioned]
     for group in outline.body.walk():
-        mentions += [end for edge in group.edges for end in edge.ends if end.kind == "variable"]
+        mentions += [node for edge in group.edges for node in edge.variables]
         mentions += [node for nodes in group.filters for node in nodes]
         for node, nodes in (*group.binds, *group.values):
             mentions += [node, *(other for other in nodes if other.kind == "variable")]

@@ -18,7 +18,9 @@ from tests.rtask.cli.each.tree import walk_commands
 pytestmark = pytest.mark.slow
 
 _CALLS = {
-    "ask": "a mug", "backup": "copy", "contributors withdraw": "nao-1", "dataset create": "lab/x",
+    "ask": "a mug", "backup": "copy", "branch compare": "x", "branch drop": "x",
+    "branch make": "x", "branch merge": "x", "contributors withdraw": "nao-1",
+    "dataset create": "lab/x",
     "dataset diff": "lab/x 1", "dataset get": "lab/x a out", "dataset merge": "lab/x lab/y",
     "dataset prune": "lab/x a", "dataset put": "lab/x f.ttl", "dataset remove": "lab/x a",
     "dataset restore": "lab/x@1", "dataset show": "lab/x", "dataset snapshot": "lab/x",

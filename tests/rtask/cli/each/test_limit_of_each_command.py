@@ -15,7 +15,8 @@ from tests.rtask.cli.each.tree import walk_commands
 
 _WITHOUT = {
     "prints a few lines about what it made, changed or moved": """
-        backup, contributors withdraw, dataset create, dataset get, dataset merge, dataset prune,
+        backup, branch drop, branch make, branch merge,
+        contributors withdraw, dataset create, dataset get, dataset merge, dataset prune,
         dataset put, dataset remove, dataset restore, dataset snapshot, episodes export,
         episodes import, migrate, model generate, objects forget, objects merge, objects name,
         objects split, objects undo, ontology docs, promote, proposals adopt, proposals refuse,

@@ -76,7 +76,8 @@ _TERMS: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
 _OTHERS = {
     "words, remarks and queries": """comment correct decline kind label message new_name note
         query reason remark request text wanted words""",
-    "names of robots and people, which are no IRIs": "agent author hand robot role",
+    "names of robots, people and branches, which are no IRIs": """
+        agent author branch hand robot role""",
     "names of services, datasets, versions and what belongs to them": """after arguments before
         key mapping method path paths rules services version where""",
     "numbers of commits, attempts and tokens": "commit commits task_id token_id",

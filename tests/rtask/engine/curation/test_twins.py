@@ -63,6 +63,13 @@ def test_simultaneous_insertions_of_one_product_make_no_twin(
     assert robot.recognise(bench.sight(bench.BOX))["object"] == answers[0]["object"]
 
 
+def test_what_is_inserted_alone_is_looked_at_once_be_it_the_first_of_all(bench, robots, gathered):
+    robot = robots()
+    robot.insert(bench.sight(bench.BOX))
+    assert gathered.acquire(blocking=False)
+    assert not gathered.acquire(blocking=False)
+
+
 @pytest.mark.slow
 def test_different_products_inserted_at_once_stay_apart(bench, kb, engine, robots, gathered):
     robot = robots()

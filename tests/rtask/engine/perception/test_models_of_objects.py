@@ -34,21 +34,20 @@ def robot(robots):
     return robots("nao-1")
 
 
-def told_thrice(bench, robot, thing):
-    """Insert three looks at one thing; return its IRI."""
-    name = ""
+def fill_store(bench, robots):
+    """Fill the store of tests that ask for ``filled``; return the IRI of a box seen three times."""
+    name, robot = "", robots("nao-1")
     for yaw in YAWS:
         more = {"object": name} if name else {}
-        told = robot.insert(bench.sight(thing.at(0.16, -0.06, yaw)), **more)
+        told = robot.insert(bench.sight(bench.BOX.at(0.16, -0.06, yaw)), **more)
         name = told["objects"][0]["object"]
     return name
 
 
 @pytest.mark.slow
-def test_a_model_grows_with_every_view_and_there_is_one_for_each_author(bench, engine, robot):
-    name = told_thrice(bench, robot, bench.BOX)
-    (stored,) = stored_models(engine.kb, iri(name))
-    views = {q.object.value for q in engine.kb.match(iri(name), RT.hasView)}
+def test_a_model_grows_with_every_view_and_there_is_one_for_each_author(bench, engine, filled):
+    (stored,) = stored_models(engine.kb, iri(filled))
+    views = {q.object.value for q in engine.kb.match(iri(filled), RT.hasView)}
     assert stored.views == views
     model = ObjectModel.from_bytes(engine.kb.blobs.read(stored.blob))
     assert [source for source, _ in model.sources] == sorted(views)
@@ -61,11 +60,10 @@ def test_a_model_grows_with_every_view_and_there_is_one_for_each_author(bench, e
 
 
 @pytest.mark.slow
-def test_the_answer_carries_the_pose_and_its_confidence(bench, engine, robot):
-    name = told_thrice(bench, robot, bench.BOX)
+def test_the_answer_carries_the_pose_and_its_confidence(bench, engine, robot, filled):
     thing = bench.BOX.at(0.15, -0.05, 0.6)
     answer = robot.recognise(bench.sight(thing))
-    assert answer["object"] == name
+    assert answer["object"] == filled
     recognition = answer["recognition"]
     json.dumps(recognition, allow_nan=False)
     assert recognition["pose_accepted"]
@@ -112,10 +110,9 @@ def test_two_robots_grow_one_model_each_in_its_own_graph(bench, engine, robots):
 
 
 @pytest.mark.slow
-def test_models_are_made_again_from_the_views(bench, engine, robot):
-    name = told_thrice(bench, robot, bench.BOX)
+def test_models_are_made_again_from_the_views(bench, engine, robot, filled):
     can = robot.insert(bench.sight(bench.CAN))["objects"][0]["object"]
-    before = {thing: model_of(engine, thing) for thing in (name, can)}
+    before = {thing: model_of(engine, thing) for thing in (filled, can)}
     assert engine.rebuild_models() == 2
     for thing, (stored, model) in before.items():
         (again,) = stored_models(engine.kb, iri(thing))
@@ -126,7 +123,7 @@ def test_models_are_made_again_from_the_views(bench, engine, robot):
             np.abs(np.ptp(cloud[:, :3], axis=0) - np.ptp(model.cloud[:, :3], axis=0)).max() < 0.003
         )
     engine.kb.collect_blobs(0)
-    assert model_of(engine, name)[1] is not None
+    assert model_of(engine, filled)[1] is not None
     assert not [f for f in engine.kb.verify(parts=("blobs",)) if f.severity == "error"]
 
 
@@ -186,8 +183,8 @@ def test_an_empty_cloud_is_refused_by_name(robot):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("filled")
 def test_a_crop_without_depth_is_named_and_has_no_pose(bench, robot):
-    told_thrice(bench, robot, bench.BOX)
     blind = changed(
         bench, bench.BOX, lambda c: Frame(0 * c.depth_m, c.intrinsics, c.rgb, c.mask, c.x0, c.y0)
     )
@@ -198,8 +195,7 @@ def test_a_crop_without_depth_is_named_and_has_no_pose(bench, robot):
 
 
 @pytest.mark.slow
-def test_wrong_intrinsics_give_no_accepted_pose(bench, engine, robot):
-    name = told_thrice(bench, robot, bench.BOX)
+def test_wrong_intrinsics_give_no_accepted_pose(bench, engine, robot, filled):
 
     def longer(crop):
         camera = crop.intrinsics
@@ -208,16 +204,16 @@ def test_wrong_intrinsics_give_no_accepted_pose(bench, engine, robot):
         return Frame(crop.depth_m, twice, crop.rgb, crop.mask, crop.x0, crop.y0)
 
     seen = changed(bench, bench.BOX, longer)
-    answer = robot.recognise(seen, object=name)
+    answer = robot.recognise(seen, object=filled)
     assert not answer["recognition"]["pose_accepted"]
-    before = model_of(engine, name)[0]
-    robot.insert(seen, object=name)
-    assert model_of(engine, name)[0] == before
+    before = model_of(engine, filled)[0]
+    robot.insert(seen, object=filled)
+    assert model_of(engine, filled)[0] == before
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("filled")
 def test_a_mirrored_picture_is_not_recognised(bench, robot):
-    told_thrice(bench, robot, bench.BOX)
 
     def mirrored(crop):
         return Frame(crop.depth_m[:, ::-1].copy(), crop.intrinsics, crop.rgb[:, ::-1].copy(),
@@ -229,23 +225,22 @@ def test_a_mirrored_picture_is_not_recognised(bench, robot):
 
 
 @pytest.mark.slow
-def test_an_object_that_the_border_cuts_is_placed_or_left_open(bench, engine, robot):
-    name = told_thrice(bench, robot, bench.BOX)
+def test_an_object_that_the_border_cuts_is_placed_or_left_open(bench, engine, robot, filled):
     eye = bench.Eye(target=(0.16, -0.06, bench.TABLE))
     frame = bench.look(bench.BOX, eye)
     columns = np.nonzero(frame.mask)[1]
     cut = frame.mask.copy()
     cut[:, int(np.median(columns)) :] = False
     sent = {**bench.sight(bench.BOX), "data": to_wire(encode_frame(frame.crop(cut)))}
-    recognition = robot.recognise(sent, object=name)["recognition"]
+    recognition = robot.recognise(sent, object=filled)["recognition"]
     if recognition["pose_accepted"]:
         pose = matrix_from_message(recognition["pose"]["frame_from_object"])
         assert np.linalg.norm(pose[:2, 3] - bench.BOX.position) < 0.01
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("filled")
 def test_holes_in_the_depth_do_not_hide_the_pose(bench, robot):
-    told_thrice(bench, robot, bench.BOX)
 
     def torn(crop):
         depth = crop.depth_m.copy()
@@ -258,8 +253,8 @@ def test_holes_in_the_depth_do_not_hide_the_pose(bench, robot):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("filled")
 def test_a_million_points_without_a_picture_have_grasps_and_no_pose(bench, robot):
-    told_thrice(bench, robot, bench.BOX)
     frame = bench.look(bench.BOX, bench.Eye(target=(*bench.BOX.position, bench.TABLE)))
     points = frame.points()[frame.mask]
     many = points[np.arange(1_000_000) % len(points)]
@@ -271,12 +266,11 @@ def test_a_million_points_without_a_picture_have_grasps_and_no_pose(bench, robot
 
 
 @pytest.mark.slow
-def test_two_identical_objects_in_one_scene_have_each_its_pose(bench, robot):
-    name = told_thrice(bench, robot, bench.BOX)
+def test_two_identical_objects_in_one_scene_have_each_its_pose(bench, robot, filled):
     places = ((0.12, -0.06), (0.22, 0.02))
     for x, y in places:
         answer = robot.recognise(bench.sight(bench.BOX.at(x, y, 0.5)))
-        assert answer["object"] == name
+        assert answer["object"] == filled
         pose = matrix_from_message(answer["recognition"]["pose"]["frame_from_object"])
         assert np.hypot(pose[0, 3] - x, pose[1, 3] - y) < 0.006
 

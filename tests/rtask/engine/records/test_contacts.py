@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -180,23 +181,18 @@ def test_plans_on_what_is_stored_are_stored_with_contacts(
     assert {grasp["source"] for grasp in answer["grasps"]} == {"memory"}
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_bad_contacts_are_refused_by_name(first: Any, bench: Any, box: Any) -> None:
+    seen = bench.sight(box)
+    best = first.recognise(seen)["grasps"][0]
+    for change, message in (
         ({"nx": 0.5}, "unit vectors"),
         ({"x": 0.9}, "mm from the"),
         ({"nx": None}, r"contacts\[0\]\.nx"),
-    ],
-)
-def test_bad_contacts_are_refused_by_name(
-    first: Any, bench: Any, box: Any, change: dict[str, Any], message: str
-) -> None:
-    seen = bench.sight(box)
-    best = first.recognise(seen)["grasps"][0]
-    best["id"] = ""
-    best["contacts"][0].update(change)
-    with pytest.raises(UsageError, match=message):
-        first.insert(seen, grasp=best, outcome=bench.held())
+    ):
+        bad = copy.deepcopy({**best, "id": ""})
+        bad["contacts"][0].update(change)
+        with pytest.raises(UsageError, match=message):
+            first.insert(seen, grasp=bad, outcome=bench.held())
 
 
 def test_contacts_of_jaws_are_refused(bench: Any, engine: Any, first: Any, box: Any) -> None:

@@ -26,10 +26,15 @@ def nao(robots):
     return robots()
 
 
+def fill_store(bench, robots):
+    """Store a box that one robot has seen; return its IRI."""
+    return robots().insert(bench.sight(bench.BOX), name="box")["objects"][0]["object"]
+
+
 @pytest.fixture
-def box(nao, bench):
+def box(filled):
     """Return the IRI of a box that one robot has stored."""
-    return nao.insert(bench.sight(bench.BOX), name="box")["objects"][0]["object"]
+    return filled
 
 
 def where(kb, thing):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from urllib.parse import unquote
 
 import pytest
+from pyoxigraph import Quad
 
 import rtask
+from ontology import PREFIXES
 from rtask.errors import ForbiddenError, UsageError
-from rtask.kb.commit.access import Access
+from rtask.kb.commit.access import Access, actor_of
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import iri
 
@@ -144,6 +147,32 @@ def test_rights_that_make_no_sense_are_refused() -> None:
         Access(None, "robot")
     with pytest.raises(UsageError, match="bind"):
         Access("nao-1", "robot").may_write(iri("urn:g"))
+
+
+@pytest.mark.parametrize(
+    ("named", "is_person"),
+    [("robot/nao-2", False), ("robot/a%20b/hand", False), ("person/ann", True)],
+)
+def test_a_statement_tells_whether_a_person_or_a_robot_acted(
+    kb: KnowledgeBase, named: str, is_person: bool
+) -> None:
+    quad = Quad(iri("urn:x"), iri(PREFIXES["rt"] + "performedBy"), iri(f"urn:lab/{named}"))
+    name = unquote(named.split("/")[1])
+    assert actor_of(quad, kb.graphs) == (is_person, name)
+    elsewhere = Quad(quad.subject, quad.predicate, iri(f"urn:barn/{named}"))
+    assert actor_of(elsewhere, kb.graphs) is None
+
+
+def test_a_robot_speaks_for_persons_without_a_graph_but_for_no_other_robot(
+    kb: KnowledgeBase,
+) -> None:
+    """Persons who use the store themselves, and robots in any case, speak for themselves."""
+    robot = Access("nao-1", "robot")
+    statement = f"INSERT DATA {{ <urn:x> <{PREFIXES['rt']}performedBy> <urn:lab/%s> }}"
+    assert kb.update(statement % "person/ann", access=robot).added == 1
+    for other in ("robot/new", "person/nao-2"):
+        with pytest.raises(ForbiddenError, match="the token belongs to 'nao-1'"):
+            kb.update(statement % other, access=robot)
 
 
 def test_hostile_names_stay_inside_their_graph(kb: KnowledgeBase) -> None:

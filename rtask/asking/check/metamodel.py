@@ -1,0 +1,98 @@
+"""The vocabularies that ontologies are written in: their terms, and what these are said of.
+
+RDF, RDF Schema, OWL 2 and XML Schema are closed: their specifications list every name. They say of
+few of them what subject and value are in a form that a check could read, so it stands here.
+"""
+
+from __future__ import annotations
+
+import ontology
+from rtask.rdf.terms import XSD
+
+__all__ = ["CLASS", "KINDS", "ONTOLOGY", "PROPERTIES", "PROPERTY", "is_reserved", "reserved_terms"]
+
+_RDF, _RDFS = ontology.PREFIXES["rdf"], ontology.PREFIXES["rdfs"]
+_OWL = ontology.PREFIXES["owl"]
+CLASS, PROPERTY = _OWL + "Class", _RDF + "Property"
+ONTOLOGY, LIST = _OWL + "Ontology", _RDF + "List"
+KINDS: dict[str, str] = {
+    CLASS: "", PROPERTY: "", ONTOLOGY: "", LIST: "",
+    _RDFS + "Class": CLASS, _RDFS + "Datatype": CLASS, _OWL + "Restriction": CLASS,
+    **{
+        _OWL + name: PROPERTY
+        for name in (
+            "ObjectProperty", "DatatypeProperty", "AnnotationProperty", "OntologyProperty",
+            "TransitiveProperty", "SymmetricProperty", "AsymmetricProperty", "ReflexiveProperty",
+            "IrreflexiveProperty", "FunctionalProperty", "InverseFunctionalProperty",
+            "DeprecatedProperty",
+        )
+    },
+}  # fmt: skip
+"""Kinds of terms, each with the kind that it is one of."""
+PROPERTIES: dict[str, tuple[str, str]] = {
+    _RDFS + "subClassOf": (CLASS, CLASS), _RDFS + "subPropertyOf": (PROPERTY, PROPERTY),
+    _RDFS + "domain": (PROPERTY, CLASS), _RDFS + "range": (PROPERTY, CLASS),
+    _RDF + "first": (LIST, ""), _RDF + "rest": (LIST, LIST),
+    _OWL + "inverseOf": (PROPERTY, PROPERTY), _OWL + "equivalentProperty": (PROPERTY, PROPERTY),
+    _OWL + "propertyDisjointWith": (PROPERTY, PROPERTY),
+    _OWL + "propertyChainAxiom": (PROPERTY, LIST),
+    _OWL + "equivalentClass": (CLASS, CLASS), _OWL + "disjointWith": (CLASS, CLASS),
+    _OWL + "complementOf": (CLASS, CLASS), _OWL + "disjointUnionOf": (CLASS, LIST),
+    _OWL + "unionOf": (CLASS, LIST), _OWL + "intersectionOf": (CLASS, LIST),
+    _OWL + "oneOf": (CLASS, LIST), _OWL + "onProperty": (CLASS, PROPERTY),
+    _OWL + "someValuesFrom": (CLASS, CLASS), _OWL + "allValuesFrom": (CLASS, CLASS),
+    _OWL + "onClass": (CLASS, CLASS), _OWL + "hasKey": (CLASS, LIST),
+    _OWL + "imports": (ONTOLOGY, ONTOLOGY), _OWL + "versionIRI": (ONTOLOGY, ""),
+    _OWL + "priorVersion": (ONTOLOGY, ONTOLOGY),
+}  # fmt: skip
+"""Properties that relate terms, with the kinds of subject and value; empty for any."""
+_NAMES = {
+    _RDF: """type Property Statement subject predicate object Bag Seq Alt value List nil first rest
+        XMLLiteral HTML JSON langString dirLangString PlainLiteral CompoundLiteral direction
+        language reifies""",
+    _RDFS: """Resource Class Literal Datatype range domain subClassOf subPropertyOf label comment
+        Container ContainerMembershipProperty member seeAlso isDefinedBy""",
+    _OWL: """AllDifferent AllDisjointClasses AllDisjointProperties Annotation AnnotationProperty
+        AsymmetricProperty Axiom Class DataRange DatatypeProperty DeprecatedClass DeprecatedProperty
+        FunctionalProperty InverseFunctionalProperty IrreflexiveProperty NamedIndividual
+        NegativePropertyAssertion Nothing ObjectProperty Ontology OntologyProperty
+        ReflexiveProperty Restriction SymmetricProperty Thing TransitiveProperty allValuesFrom
+        annotatedProperty annotatedSource annotatedTarget assertionProperty backwardCompatibleWith
+        bottomDataProperty bottomObjectProperty cardinality complementOf datatypeComplementOf
+        deprecated differentFrom disjointUnionOf disjointWith distinctMembers equivalentClass
+        equivalentProperty hasKey hasSelf hasValue imports incompatibleWith intersectionOf
+        inverseOf maxCardinality maxQualifiedCardinality members minCardinality
+        minQualifiedCardinality onClass onDataRange onDatatype onProperties onProperty oneOf
+        priorVersion propertyChainAxiom propertyDisjointWith qualifiedCardinality rational real
+        sameAs someValuesFrom sourceIndividual targetIndividual targetValue topDataProperty
+        topObjectProperty unionOf versionIRI versionInfo withRestrictions""",
+    XSD: """string boolean decimal integer double float date time dateTime dateTimeStamp gYear
+        gMonth gDay gYearMonth gMonthDay duration yearMonthDuration dayTimeDuration byte short int
+        long unsignedByte unsignedShort unsignedInt unsignedLong positiveInteger nonNegativeInteger
+        negativeInteger nonPositiveInteger hexBinary base64Binary anyURI language
+        normalizedString token NMTOKEN Name NCName QName NOTATION ENTITY ID IDREF anySimpleType
+        anyAtomicType anyType length minLength maxLength pattern minInclusive maxInclusive
+        minExclusive maxExclusive totalDigits fractionDigits""",
+}
+_TERMS = {space: frozenset(names.split()) for space, names in _NAMES.items()}
+
+
+def is_reserved(iri: str) -> bool | None:
+    """Return whether a closed vocabulary has a term; None for one of no such vocabulary.
+
+    >>> is_reserved("http://www.w3.org/2002/07/owl#Class")
+    True
+    >>> is_reserved("http://www.w3.org/2002/07/owl#Clas"), is_reserved("urn:x")
+    (False, None)
+    """
+    for space, names in _TERMS.items():
+        if iri.startswith(space):
+            name = iri[len(space) :]
+            return name in names or (space == _RDF and name[:1] == "_" and name[1:].isdigit())
+    return None
+
+
+def reserved_terms(iri: str) -> list[str]:
+    """Return the terms of the closed vocabulary that an IRI belongs to."""
+    space = next((space for space in _TERMS if iri.startswith(space)), "")
+    return [space + name for name in sorted(_TERMS.get(space, ()))]

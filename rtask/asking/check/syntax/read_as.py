@@ -1,0 +1,77 @@
+"""What an expression takes a variable for, by the operator or function around it.
+
+SPARQL 1.1, 17.3 and 17.4: an operand of another type is an error, so that the row is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rtask.sparql.tokens import Token
+
+__all__ = ["read_as"]
+
+_COMPARISONS = {"<", ">", "<=", ">=", "=", "!="}
+_ORDERS = {"<", ">", "<=", ">="}
+_STARTS = {"(", "&&", "||", "!", ","}  # behind an operator it is part of a larger expression
+_ENDS = {")", "&&", "||", ","}
+_ARITHMETIC = {"*": "number", "/": "number", "+": "quantity", "-": "quantity"}
+_FUNCTIONS = {
+    **dict.fromkeys(("ABS", "ROUND", "CEIL", "FLOOR", "SUM", "AVG"), "number"),
+    **dict.fromkeys(("YEAR", "MONTH", "DAY", "HOURS", "MINUTES", "SECONDS", "TZ"), "moment"),
+    **dict.fromkeys(
+        ("STRLEN", "SUBSTR", "UCASE", "LCASE", "STRSTARTS", "STRENDS", "CONTAINS", "STRBEFORE",
+         "STRAFTER", "REGEX", "REPLACE", "ENCODE_FOR_URI", "CONCAT", "LANG"), "text",
+    ),
+    **dict.fromkeys(("DATATYPE", "GROUP_CONCAT"), "literal"),
+}  # fmt: skip
+_CASTS = {"integer", "decimal", "double", "float", "boolean", "dateTime", "int", "long"}
+
+
+def read_as(tokens: Sequence[Token], at: int) -> str:
+    """Return what the variable at a place in the tokens is read as; empty for anything."""
+    before, after = tokens[at - 1], tokens[min(at + 1, len(tokens) - 1)]
+    if after.kind == "mark" and after.text in _COMPARISONS:
+        if before.text not in _STARTS:
+            return _ARITHMETIC.get(before.text, "")
+        return _compared(tokens, at + 2)
+    if before.text in _ORDERS and tokens[at - 2].kind == "variable" and after.text in _ENDS:
+        return "literal"
+    for mark in (before, after):
+        if mark.kind == "mark" and mark.text in _ARITHMETIC:
+            return _ARITHMETIC[mark.text]
+    if after.text not in _ENDS:
+        return ""
+    return _argument(tokens, at)
+
+
+def _compared(tokens: Sequence[Token], at: int) -> str:
+    """Return the kind of the constant at a place, behind which a comparison ends."""
+    value = tokens[min(at, len(tokens) - 1)]
+    if value.kind == "number":
+        return "number"
+    if value.kind == "string":
+        return "literal"
+    if value.kind == "variable" and tokens[at - 1].text not in ("=", "!="):
+        return "literal"  # things have no order
+    return "moment" if value.is_word("NOW") else ""
+
+
+def _argument(tokens: Sequence[Token], at: int) -> str:
+    """Return what the function takes of which a variable is the first argument, or CONCAT any."""
+    before = at - 1
+    if tokens[before].is_word("DISTINCT"):
+        before -= 1
+    if tokens[before].is_mark(","):
+        depth = 0
+        while before > 1 and (depth or not tokens[before].is_mark("(")):
+            depth += tokens[before].is_mark(")") - tokens[before].is_mark("(")
+            before -= 1
+        return "text" if tokens[before - 1].is_word("CONCAT") else ""
+    if before < 1 or not tokens[before].is_mark("("):
+        return ""
+    name = tokens[before - 1]
+    if name.kind == "word":
+        return _FUNCTIONS.get(name.text.upper(), "")
+    is_cast = name.kind == "name" and name.text.startswith("xsd:")
+    return "literal" if is_cast and name.text[4:] in _CASTS else ""
