@@ -15,11 +15,12 @@ from rtask.cli.options import json_option, print_json
 from rtask.errors import RobotError, UsageError
 from rtask.extras import naming_extras
 from simulate import options
+from simulate.drivers.rclpy_node import ros2_node, ros_arguments
 
 if TYPE_CHECKING:
     from simulate.drivers.contract import JointLimits
+    from simulate.drivers.motions import ArmDriver
     from simulate.drivers.naoqi import NaoqiArm
-    from simulate.drivers.rosbridge import RosbridgeArm
     from simulate.robots.description import Arm
 
 __all__ = ["reach"]
@@ -34,6 +35,8 @@ __all__ = ["reach"]
 @click.option("--theta", default=0.0, show_default=True, help="Closing direction about +z, rad.")
 @click.option("--naoqi", metavar="ADDRESS", help="NAOqi of a NAO, such as tcp://nao.local:9559.")
 @click.option("--rosbridge", metavar="URL", help="A rosbridge server, such as ws://robot:9090.")
+@click.option("--ros2", is_flag=True, help="An arm in the ROS 2 of this shell, by rclpy.")
+@ros_arguments
 @click.option(
     "--action",
     help="Action of the arm's driver.  [default: /<arm>_controller/follow_joint_trajectory]",
@@ -64,6 +67,8 @@ def reach(
     theta: float,
     naoqi: str | None,
     rosbridge: str | None,
+    ros2: bool,
+    ros_args: str,
     action: str | None,
     joints: str,
     ros: str,
@@ -81,18 +86,22 @@ def reach(
     --limits, or the maker's where they are known, else cautious ones, which is said. The arm is
     stopped on every error and on Ctrl-C; it is said to be there only if its joints, measured anew,
     are.
-    Give -- before negative numbers. The token for rosbridge is read from RTASK_TOKEN. Tried on
-    stand-ins and simulated arms only: on a real one, keep the emergency stop at hand.
+    --ros2 needs rclpy and control_msgs for RTASK's own Python. Give -- before negative numbers. The
+    token for rosbridge is read from RTASK_TOKEN. Tried on stand-ins and simulated arms only: on a
+    real one, keep the emergency stop at hand.
 
     With --grasp, exit code 1 if nothing was held.
     """
-    if (naoqi is None) == (rosbridge is None):
-        raise UsageError("expected --naoqi ADDRESS or --rosbridge URL, one of both")
+    if [naoqi is not None, rosbridge is not None, ros2].count(True) != 1:
+        raise UsageError("expected one of --naoqi ADDRESS, --rosbridge URL and --ros2")
+    if ros_args and not ros2:
+        raise UsageError("--ros-args goes with --ros2")
     if grasp and naoqi is None:
         raise UsageError("--grasp moves the hand, which only --naoqi does")
     from simulate.act.reach import plan_reach
     from simulate.drivers import motions
     from simulate.drivers.contract import JointLimits
+    from simulate.drivers.rclpy_arm import RclpyArm
     from simulate.drivers.rosbridge import RosbridgeArm
     from simulate.drivers.slowed_arm import SlowedArm
     from simulate.grasping.executor import Workcell
@@ -108,13 +117,17 @@ def reach(
             click.echo(motion.assumed, err=True)
         report: dict[str, Any] = {"arm": plan.arm, "held": None, "evidence": ""}
         with contextlib.ExitStack() as opened:
+            named = action or f"/{arm.name}_controller/follow_joint_trajectory"
+            say = partial(click.echo, err=True)
             if naoqi is not None:
-                driver: NaoqiArm | RosbridgeArm = opened.enter_context(_naoqi(naoqi, arm, limits))
+                driver: ArmDriver = opened.enter_context(_naoqi(naoqi, arm, limits))
+            elif ros2:
+                node = opened.enter_context(ros2_node("rtask_reach", ros_args))
+                driver = RclpyArm(node, named, arm.joints, joints, limits=limits, say=say)
             else:
-                named = action or f"/{arm.name}_controller/follow_joint_trajectory"
                 bridged = RosbridgeArm(
                     str(rosbridge), named, arm.joints, joints, os.environ.get("RTASK_TOKEN"),
-                    limits=limits, ros=1 if ros == "1" else 2, say=partial(click.echo, err=True),
+                    limits=limits, ros=1 if ros == "1" else 2, say=say,
                 )  # fmt: skip
                 driver = opened.enter_context(bridged)
             slow = SlowedArm(driver, motion)

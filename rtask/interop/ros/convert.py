@@ -27,6 +27,7 @@ __all__ = [
     "mapping_of",
     "members_of",
     "raw_mapping",
+    "stamp_json",
     "time_of",
 ]
 

@@ -14,12 +14,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rtask.interop.ros.convert import fill, make_message
+from rtask.interop.ros.convert import fill, make_message, members_of
 from rtask.interop.ros.dds.types import RosTypes
-from rtask.interop.ros.package import source_files
+from rtask.interop.ros.package import definitions_of, source_files
 from rtask.interop.ros.schema import Schema
 
 __all__ = ["World", "install"]
+
+_STATUS = {"succeeded": 4, "canceled": 5, "aborted": 6}
 
 
 class World:
@@ -36,6 +38,7 @@ class World:
         goal, result, feedback = source_files(schema)["action/See.action"].split("---\n")
         for name, text in (("Goal", goal), ("Result", result), ("Feedback", feedback)):
             self.types.add_message(f"rtask_msgs/msg/See_{name}", text)
+        self._add_trajectories()
         self.services: dict[str, tuple[Any, Callable[..., Any]]] = {}
         self.publishers: dict[str, Publisher] = {}
         self.subscriptions: dict[str, list[Callable[[Any], None]]] = {}
@@ -44,6 +47,14 @@ class World:
         """Services of further nodes, by name and namespace."""
         self.parameters: dict[str, Any] = {"use_sim_time": False}
         self.log: list[str] = []
+
+    def _add_trajectories(self) -> None:
+        files = definitions_of("control_msgs")
+        action = files.pop("action/FollowJointTrajectory.action").split("---\n")
+        for path, text in files.items():
+            self.types.add_message(f"control_msgs/{path.removesuffix('.msg')}", text)
+        for name, text in zip(("Goal", "Result", "Feedback"), action, strict=True):
+            self.types.add_message(f"control_msgs/msg/FollowJointTrajectory_{name}", text)
 
     def class_of(self, type_: str) -> type:
         """Return the class of a message, ``rtask_msgs/msg/SeeResult``."""
@@ -158,6 +169,74 @@ class ActionServer:
         del self._world.actions[self._name]
 
 
+class Future:
+    """The value of something that ends in another thread."""
+
+    def __init__(self) -> None:
+        self._value: Any = None
+        self._is_done, self._calls = threading.Event(), list[Callable[[Future], Any]]()
+        self._lock = threading.Lock()
+
+    def set_result(self, result: Any) -> None:
+        with self._lock:
+            self._value = result
+            self._is_done.set()
+        for call in self._calls:
+            call(self)
+
+    def result(self) -> Any:
+        return self._value
+
+    def add_done_callback(self, callback: Callable[[Future], Any]) -> None:
+        with self._lock:
+            if not self._is_done.is_set():
+                self._calls.append(callback)
+                return
+        callback(self)
+
+
+class ClientGoalHandle:
+    """A goal as its client holds it."""
+
+    def __init__(self, handle: GoalHandle | None) -> None:
+        self.accepted, self._handle = handle is not None, handle
+
+    def get_result_async(self) -> Future:
+        handle, future = self._handle, Future()
+        assert handle is not None
+
+        def wait() -> None:
+            handle.ended.wait()
+            answer = types.SimpleNamespace(status=_STATUS[handle.status], result=handle.result)
+            future.set_result(answer)
+
+        threading.Thread(target=wait, daemon=True).start()
+        return future
+
+    def cancel_goal_async(self) -> Future:
+        assert self._handle is not None
+        self._handle.is_cancel_requested = True
+        future = Future()
+        future.set_result(None)
+        return future
+
+
+class ActionClient:
+    """Sends goals to the action server of its name."""
+
+    def __init__(self, node: Any, action_type: Any, action_name: str) -> None:
+        self._world, self._name = node.world, action_name
+
+    def wait_for_server(self, timeout_sec: float | None = None) -> bool:
+        return self._name in self._world.actions
+
+    def send_goal_async(self, goal: Any, feedback_callback: Any = None) -> Future:
+        server, future = self._world.actions[self._name], Future()
+        fields = {name: getattr(goal, name) for name, _ in members_of(goal) or ()}
+        future.set_result(ClientGoalHandle(server.send(**fields)))
+        return future
+
+
 def _node_of(world: World) -> type:
     class LifecycleNode:
         def __init__(self, node_name: str) -> None:
@@ -190,6 +269,9 @@ def _node_of(world: World) -> type:
             return types.SimpleNamespace(value=world.parameters[name])
 
         def create_lifecycle_publisher(self, kind: Any, topic: str, qos: Any) -> Publisher:
+            return world.publishers.setdefault(topic, Publisher())
+
+        def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any) -> Publisher:
             return world.publishers.setdefault(topic, Publisher())
 
         def create_service(
@@ -291,7 +373,12 @@ def install(world: World, set_module: Callable[[str, Any], None]) -> None:
 
     module("rclpy", ok=lambda: True)
     answers = enum("ACCEPT", "REJECT")
-    module("rclpy.action", ActionServer=ActionServer, CancelResponse=answers, GoalResponse=answers)
+    module(
+        "rclpy.action", ActionClient=ActionClient, ActionServer=ActionServer,
+        CancelResponse=answers, GoalResponse=answers,
+    )  # fmt: skip
+    module("rclpy.action.client", ClientGoalHandle=ClientGoalHandle)
+    module("rclpy.task", Future=Future)
     groups = ("MutuallyExclusiveCallbackGroup", "ReentrantCallbackGroup")
     module("rclpy.callback_groups", **dict.fromkeys(groups, record))
     module("rclpy.clock", Clock=Clock, ClockType=enum("STEADY_TIME"), JumpThreshold=JumpThreshold)
@@ -329,6 +416,9 @@ def install(world: World, set_module: Callable[[str, Any], None]) -> None:
         for name in names
     }
     module("rtask_msgs.srv", **services)
-    parts = ("Goal", "Result", "Feedback")
-    see = {part: world.class_of(f"rtask_msgs/msg/See_{part}") for part in parts}
-    module("rtask_msgs.action", See=type("See", (), see))
+    for package, name in (("rtask_msgs", "See"), ("control_msgs", "FollowJointTrajectory")):
+        parts = {
+            part: world.class_of(f"{package}/msg/{name}_{part}")
+            for part in ("Goal", "Result", "Feedback")
+        }
+        module(f"{package}.action", **{name: type(name, (), parts)})

@@ -6,6 +6,7 @@ copy of this file and none of them.
 
 from __future__ import annotations
 
+import re
 import threading
 from abc import ABC, abstractmethod
 from collections import deque
@@ -22,6 +23,8 @@ View = TypeVar("View")
 _MAX_IMAGES = 8
 _PAIRED_S = 0.1
 """Longest time between depth and the colour that belongs to it, s."""
+_ALIGNED = re.compile(r"aligned_depth|depth_registered|depth_to_(rgb|colou?r)", re.I)
+"""As in recordings: depth that was laid over colour, whatever frame its driver writes."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +47,9 @@ class NewestView(ABC, Generic[View]):
     """Keeps the newest messages of the topics ``points``, ``depth``, ``image``, ``camera_info``.
 
     Depth is registered, and described by the camera info. It is joined with the colour image
-    nearest in time, at most 0.1 s away. Who subscribes passes each message on by `take_cloud`,
-    `take_info`, `take_depth` or `take_colour`, from any thread.
+    nearest in time, at most 0.1 s away, and of its frame: the picture of a camera at the wrist is
+    never laid over the depth of one in the head. Who subscribes passes each message on by
+    `take_cloud`, `take_info`, `take_depth` or `take_colour`, from any thread.
     """
 
     def __init__(self) -> None:
@@ -144,10 +148,20 @@ class NewestView(ABC, Generic[View]):
         if info is None:
             return None
         for depth in reversed(self._depths):
-            apart = [(_apart_s(image, depth), k) for k, image in enumerate(self._colours)]
+            apart = [
+                (_apart_s(image, depth), k)
+                for k, image in enumerate(self._colours)
+                if self._is_of_its_camera(image, depth)
+            ]
             if apart and min(apart)[0] <= _PAIRED_S:
                 return self._joined(depth, self._colours[min(apart)[1]], info)
         return None
+
+    def _is_of_its_camera(self, colour: Any, depth: Any) -> bool:
+        """Whether colour may be laid over depth; a frame that is not said excludes nothing."""
+        where, whence = _frame_of(colour), _frame_of(depth)
+        same = not where or not whence or where == whence
+        return same or _ALIGNED.search(self.topic("depth")) is not None
 
     def _joined(self, depth: Any, colour: Any, info: Any) -> Sight[View]:
         return Sight(depth.header, lambda: self.read_images(depth, colour, info))
@@ -172,12 +186,24 @@ class NewestView(ABC, Generic[View]):
         lacking = [self.topic(name) for name, received in messages.items() if not received]
         if lacking:
             return f"{reason}; of depth and colour, nothing came on {', '.join(lacking)}"
+        if not self._is_of_its_camera(self._colours[-1], self._depths[-1]):
+            return (
+                f"{reason}; depth on {self.topic('depth')} is in the frame "
+                f"{_frame_of(self._depths[-1])}, and the image on {self.topic('image')} in "
+                f"{_frame_of(self._colours[-1])}: give the depth that the driver registered to "
+                "that image, or the image of that camera"
+            )
         return (
             f"{reason}; the newest depth on {self.topic('depth')} is of "
             f"{_time_s(self._depths[-1]):.3f} s, the newest image on {self.topic('image')} of "
             f"{_time_s(self._colours[-1]):.3f} s; they belong together when at most "
             f"{_PAIRED_S:g} s lie between them"
         )
+
+
+def _frame_of(message: Any) -> str:
+    """Return the frame without the slash that ROS 1 once wrote before it."""
+    return str(message.header.frame_id).lstrip("/")
 
 
 def _time_s(message: Any) -> float:

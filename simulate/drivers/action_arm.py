@@ -1,0 +1,192 @@
+"""An arm behind an action of trajectories, whichever ROS carries it.
+
+The contract of every driver is kept here once; a subclass sends goals and hears how they ended.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from rtask.errors import RemoteUnavailableError, RobotError
+from rtask.interop.ros.convert import stamp_json
+from simulate.drivers.contract import (
+    JointLimits,
+    RosVersion,
+    check_arrival,
+    check_ending,
+    check_motion_start,
+    settled_joints,
+)
+from simulate.drivers.rosbridge_goals import GoalEnd
+from simulate.drivers.watch import MotionWatch
+from simulate.motion.trajectory import Trajectory
+from simulate.robots.description import Floats
+
+__all__ = ["ActionArm"]
+
+_SPARE_S = 5.0
+_STATE_S = 5.0
+_STOPPED_S = 2.0
+_NO_WAY_RAD = 1e-6
+
+log = logging.getLogger(__name__)
+
+
+class ActionArm(ABC):
+    """Moves an arm by goals of ``control_msgs/FollowJointTrajectory``.
+
+    Parameters
+    ----------
+    action
+        Full name of the action, for errors.
+    joints
+        In the order of the trajectories.
+    ros
+        Version of ROS whose numbers say how a goal ended.
+    limits
+        Of the joints; states outside them start no motion.
+    now
+        Clock of the stamps of joint states, s.
+    say
+        Receives what people have to know; logged by default.
+    """
+
+    def __init__(
+        self,
+        action: str,
+        joints: tuple[str, ...],
+        ros: RosVersion,
+        limits: JointLimits | None,
+        now: Callable[[], float],
+        say: Callable[[str], object] = log.warning,
+    ) -> None:
+        self._name, self._joints, self._ros = action, joints, ros
+        self._limits, self._now, self._say = limits, now, say
+        self._newest: Mapping[str, Any] | None = None
+        self._watch: MotionWatch | None = None
+        self._came = threading.Condition()
+
+    @abstractmethod
+    def send(self, way: Trajectory, ended: Callable[[GoalEnd], None]) -> None:
+        """Send a goal; ``ended`` is to be called once, with how it ended."""
+
+    @abstractmethod
+    def cancel(self) -> None:
+        """Cancel the goal that was sent last, and no other."""
+
+    def take_state(self, message: Any) -> None:
+        """Take a sensor_msgs/JointState; one that tells of other joints only is passed over."""
+        if set(self._joints) & set(message.name):
+            state = {
+                "header": {"stamp": stamp_json(message.header.stamp)}, "name": list(message.name),
+                "position": list(message.position), "velocity": list(message.velocity),
+            }  # fmt: skip
+            with self._came:
+                self._newest = state
+                if self._watch is not None:
+                    self._watch.take(state)
+                self._came.notify_all()
+
+    def measured(self) -> Floats:
+        """Return the joints (dof,), rad, of the arm at rest, from fresh states.
+
+        Raises
+        ------
+        RobotError
+            The states are old, without time, incomplete, not finite, outside the limits, or the
+            arm moves.
+        RemoteUnavailableError
+            No joint state comes.
+        """
+        return self._settled(self._limits, _STATE_S)
+
+    def follow(self, way: Trajectory) -> None:
+        """Have the arm follow a trajectory, and wait until it is there; cancelled on every error.
+
+        The driver does not watch this program, which is said before the motion. A trajectory that
+        leads nowhere is not sent. Where an arm is not seen to rest after it was
+        cancelled, that is said.
+
+        Raises
+        ------
+        RobotError
+            It starts away from the measured pose, the driver refused it or ended it otherwise than
+            by success, the measured joints are not at the goal, or did not move as planned.
+        RemoteUnavailableError
+            It did not end in its time and 5 s, or no joint state came for 3 s.
+        """
+        start = self.measured()
+        check_motion_start(way, self._joints, start)
+        if np.abs(way.positions - way.positions[0]).max() <= _NO_WAY_RAD:
+            return
+        self._say(
+            f"if this program or the network is lost, the arm may go on for up to "
+            f"{way.duration:.1f} s: keep the emergency stop at hand"
+        )
+        watch = MotionWatch(way, self._joints)
+        try:
+            end = self._carried_out(way, watch)
+            if end.code:
+                raise RobotError(f"{self._name} ended with {end.code}: {end.words}")
+            check_ending(self._ros, end.status, self._name, end.words)
+            measured = self.measured()
+            check_arrival(way, self._joints, measured, start)
+            watch.check_followed(measured)
+        except BaseException:
+            self._stop()
+            raise
+
+    def _carried_out(self, way: Trajectory, watch: MotionWatch) -> GoalEnd:
+        """Send a goal, and return how it ended; its joint states are watched."""
+        ended = threading.Event()
+        ends: list[GoalEnd] = []
+
+        def end(how: GoalEnd) -> None:
+            ends.append(how)
+            ended.set()
+
+        with self._came:
+            self._watch = watch
+        try:
+            self.send(way, end)
+            until = time.monotonic() + way.duration + _SPARE_S
+            while (now := time.monotonic()) < until:
+                watch.check_alive()
+                if ended.wait(max(min(until, watch.deadline) - now, 0.0)):
+                    return ends[0]
+        finally:
+            with self._came:
+                self._watch = None
+        raise RemoteUnavailableError(
+            f"{self._name} did not end within {way.duration + _SPARE_S:.1f} s; cancelled"
+        )
+
+    def _stop(self) -> None:
+        """Cancel the goal, and say so where the arm is not seen to rest afterwards."""
+        try:
+            self.cancel()
+            self._settled(None, _STOPPED_S)
+        except (RemoteUnavailableError, RobotError):
+            self._say(
+                f"nobody can tell whether the arm of {self._name} has stopped: "
+                "use the emergency stop"
+            )
+
+    def _settled(self, limits: JointLimits | None, wait_s: float) -> Floats:
+        return settled_joints(self._next_state, self._joints, limits, wait_s, now=self._now)
+
+    def _next_state(self, until: float) -> Mapping[str, Any] | None:
+        """Return the next joint state, or None after a time."""
+        with self._came:
+            self._newest = None
+            wait_s = max(until - time.monotonic(), 0.0)
+            if not self._came.wait_for(lambda: self._newest is not None, wait_s):
+                return None
+            return self._newest
