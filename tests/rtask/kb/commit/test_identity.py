@@ -28,6 +28,7 @@ ITS = """
     its:service a rt:Service ; rt:qualifiedName "q/s" ; rt:version "1" .
     its:seen rt:bestMatch its:image .
     its:call rt:calledMethod its:method .
+    its:other rt:name "another method" .
 """
 MERGING = {
     "key": 'my:r a cora:Robot ; rt:serialNumber "S1"',
