@@ -17,7 +17,7 @@ from pyoxigraph import BlankNode, NamedNode, Quad
 import ontology
 from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
-from rtask.kb.commit.foreign_names import ForeignNames, is_vocabulary, minted_by
+from rtask.kb.commit.foreign.names import ForeignNames, is_vocabulary, minted_by
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
@@ -197,11 +197,11 @@ class SchemaRight:
         """
         if not isinstance(term, NamedNode | BlankNode):
             return False
-        known = self._own.get(term)
-        if known is None:
+        cached = self._own.get(term)
+        if cached is None:
             named = isinstance(term, BlankNode) or term.value.startswith(self._namespaces)
-            known = self._own[term] = named and not self.is_used_by_others(term)
-        return known
+            cached = self._own[term] = named and not self.is_used_by_others(term)
+        return cached
 
     def is_used_by_others(self, term: Term) -> bool:
         """Tell whether a graph that is not the caller's names an individual or a property."""

@@ -9,6 +9,7 @@ name, or states a value.
 from __future__ import annotations
 
 import re
+from itertools import chain
 from urllib.parse import unquote
 
 from pyoxigraph import NamedNode, Quad
@@ -39,8 +40,8 @@ def minted_by(term: Term, graphs: Graphs) -> str | None:
     """
     if not isinstance(term, NamedNode) or not term.value.startswith(graphs.base):
         return None
-    found = _MINTED.match(term.value, len(graphs.base))
-    return None if found is None else unquote(found[1])
+    match = _MINTED.match(term.value, len(graphs.base))
+    return None if match is None else unquote(match[1])
 
 
 class ForeignNames:
@@ -59,7 +60,7 @@ class ForeignNames:
     def __init__(self, name: str, graphs: Graphs, store: GraphStore, home: GraphName) -> None:
         self._name, self._graphs, self._store, self._home = name, graphs, store, home
         self._used: dict[Term, bool] = {}
-        self._known: dict[tuple[NamedNode, NamedNode], frozenset[Term]] = {}
+        self._cache: dict[tuple[NamedNode, NamedNode], frozenset[Term]] = {}
 
     def speaks_first(self, quad: Quad) -> bool:
         """Whether a statement says of a name of another what its owner has yet to say."""
@@ -88,13 +89,14 @@ class ForeignNames:
         return minted_by(term, self._graphs) not in (None, self._name)
 
     def _is_used(self, term: Term) -> bool:
-        """Tell whether anybody else than the caller says anything of a term."""
-        known = self._used.get(term)
-        if known is None:
+        """Tell whether anybody else than the caller uses a term."""
+        cached = self._used.get(term)
+        if cached is None:
             assert isinstance(term, NamedNode)
-            uses = self._store.quads_for_pattern(term, None, None, None)
-            known = self._used[term] = any(self._is_of_others(quad.graph_name) for quad in uses)
-        return known
+            find = self._store.quads_for_pattern
+            uses = chain(find(term, None, None, None), find(None, None, term, None))
+            cached = self._used[term] = any(self._is_of_others(quad.graph_name) for quad in uses)
+        return cached
 
     def _is_of_others(self, graph: GraphName) -> bool:
         return graph != self._home and self._graphs.is_input(graph)
@@ -103,7 +105,7 @@ class ForeignNames:
         if _FUNCTIONAL not in self._objects(quad.predicate, RDF_TYPE):
             return False
         given = self._store.quads_for_pattern(quad.subject, quad.predicate, None, None)
-        return not any(self._is_of_others(found.graph_name) for found in given)
+        return not any(self._is_of_others(match.graph_name) for match in given)
 
     def _may_be_agents(self, predicate: NamedNode) -> bool:
         """Tell whether the values of a property may all be robots or people."""
@@ -111,11 +113,11 @@ class ForeignNames:
         return self._objects(predicate, _RANGE) <= above
 
     def _objects(self, subject: NamedNode, predicate: NamedNode) -> frozenset[Term]:
-        known = self._known.get((subject, predicate))
-        if known is None:
-            found = self._store.quads_for_pattern(subject, predicate, None, None)
-            known = self._known[subject, predicate] = frozenset(quad.object for quad in found)
-        return known
+        cached = self._cache.get((subject, predicate))
+        if cached is None:
+            match = self._store.quads_for_pattern(subject, predicate, None, None)
+            cached = self._cache[subject, predicate] = frozenset(quad.object for quad in match)
+        return cached
 
 
 def is_vocabulary(term: Term) -> bool:

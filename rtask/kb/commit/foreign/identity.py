@@ -72,15 +72,15 @@ def merge_refused(
     graphs: Graphs,
 ) -> ForbiddenError:
     """Return the error for identities that a caller's statements may not lead to."""
-    one, other, quad, has = _behind(merges, added, store, graphs.is_input)
+    first, other, quad, has = _behind(merges, added, store, graphs.is_input)
     statement = "this" if quad is None else f"{quad.subject} {quad.predicate} {quad.object}"
     own = namespaces(access, graphs)[0] if access.agent else ""
     return ForbiddenError(
         f"{access.role} {access.agent} may not state {statement}: {has}it would follow that "
-        f"{one} and {other} are the same, and others use them; that needs the right schema. Of its "
-        f"own terms ({own}...) that nobody else uses it may state what it likes",
+        f"{first} and {other} are the same, and others use them; that needs the right schema. Of "
+        f"its own terms ({own}...) that nobody else uses it may state what it likes",
         statement=None if quad is None else statement,
-        same=[str(one).strip("<>"), str(other).strip("<>")],
+        same=[str(first).strip("<>"), str(other).strip("<>")],
         right="schema",
     )
 
@@ -102,13 +102,13 @@ def _behind(
         if other is not None:
             named = named or quad
             has = store.quads_for_pattern(other, quad.predicate, quad.object, None)
-            here = any(is_input(found.graph_name) for found in has)
+            here = any(is_input(match.graph_name) for match in has)
             if here and _tells_apart(quad):
                 return quad.subject, other, quad, f"{other} has that as well, and "
         elif quad.object in other_of:
             return quad.object, other_of[quad.object], quad, ""
-    one, _, other = next(iter(merges))
-    return one, other, named, ""
+    first, _, other = next(iter(merges))
+    return first, other, named, ""
 
 
 def _tells_apart(quad: Quad) -> bool:

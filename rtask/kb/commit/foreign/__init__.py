@@ -1,0 +1,1 @@
+"""What a caller may say of the names and individuals of others."""
