@@ -17,7 +17,6 @@ from pyoxigraph import BlankNode, NamedNode, Quad
 import ontology
 from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
-from rtask.kb.commit.foreign.names import ForeignNames, is_vocabulary, minted_by
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
@@ -29,6 +28,7 @@ __all__ = [
 ]  # fmt: skip
 
 _RDF, _RDFS, _OWL = (ontology.PREFIXES[name] for name in ("rdf", "rdfs", "owl"))
+_VOCABULARY = (_RDF, _RDFS, _OWL)
 
 _ABOUT_SUBJECT = frozenset(
     {_RDFS + name for name in ("subClassOf", "subPropertyOf", "domain", "range")}
@@ -92,6 +92,10 @@ _ANNOTATIONS = frozenset(
 )
 
 
+def _is_vocabulary(term: Term) -> bool:
+    return isinstance(term, NamedNode) and term.value.startswith(_VOCABULARY)
+
+
 def is_axiom(quad: Quad) -> bool:
     """Whether a statement may change what follows from others.
 
@@ -108,7 +112,7 @@ def is_axiom(quad: Quad) -> bool:
     if name in _AXIOMS or name in _LINKS:
         return True
     if name == RDF_TYPE.value:
-        return is_vocabulary(quad.object) and str(quad.object)[1:-1] not in _HARMLESS_CLASSES
+        return _is_vocabulary(quad.object) and str(quad.object)[1:-1] not in _HARMLESS_CLASSES
     return False
 
 
@@ -142,21 +146,16 @@ class SchemaRight:
         self._store = store
         self._home = access.home()
         self._namespaces = namespaces(access, graphs) if access.agent else ()
-        self._names = (
-            ForeignNames(access.agent, graphs, store, self._home) if access.agent else None
-        )
         self._own: dict[NamedNode | BlankNode, bool] = {}
         self._serves: dict[Term, bool] = {}
 
     def is_foreign(self, quad: Quad) -> bool:
         """Whether a statement needs the right: an axiom, or about a declared term."""
         subject = quad.subject
-        if subject in self._declared or is_vocabulary(subject):
+        if subject in self._declared or _is_vocabulary(subject):
             return True
-        if quad.predicate == _OBJECT_ID and self._is_id_of_another(quad):
-            return True
-        if self._names is not None and self._names.speaks_first(quad):
-            return True
+        if quad.predicate == _OBJECT_ID:
+            return self._is_id_of_another(quad)
         return is_axiom(quad) and not self._is_harmless(quad)
 
     def _is_id_of_another(self, quad: Quad) -> bool:
@@ -180,7 +179,7 @@ class SchemaRight:
         if name == RDF_TYPE.value:
             return isinstance(value, NamedNode) and value.value in _OF_OWN_PROPERTIES
         if name in _ABOUT_SUBJECT:
-            is_meta = is_vocabulary(value) and str(value)[1:-1] not in _NO_META | _ANNOTATIONS
+            is_meta = _is_vocabulary(value) and str(value)[1:-1] not in _NO_META | _ANNOTATIONS
             return isinstance(subject, NamedNode) and not is_meta
         if name == _OWL + "onProperty":
             return isinstance(value, NamedNode) and self._is_own(value)
@@ -197,11 +196,11 @@ class SchemaRight:
         """
         if not isinstance(term, NamedNode | BlankNode):
             return False
-        cached = self._own.get(term)
-        if cached is None:
+        known = self._own.get(term)
+        if known is None:
             named = isinstance(term, BlankNode) or term.value.startswith(self._namespaces)
-            cached = self._own[term] = named and not self.is_used_by_others(term)
-        return cached
+            known = self._own[term] = named and not self.is_used_by_others(term)
+        return known
 
     def is_used_by_others(self, term: Term) -> bool:
         """Tell whether a graph that is not the caller's names an individual or a property."""
@@ -319,15 +318,6 @@ def axiom_refused(quad: Quad, access: Access, graphs: Graphs) -> ForbiddenError:
         kind = "another object has that id, and two with one id would be the same"
     elif is_axiom(quad):
         kind = "it is an axiom"
-    elif others := [n for n in (minted_by(t, graphs) for t in (quad.subject, quad.object)) if n]:
-        other = next((name for name in others if name != access.agent), others[0])
-        return ForbiddenError(
-            f"{access.role} {access.agent} may not state {statement}: what a name of {other} "
-            f"stands for, and its one value of a property, {other} is to say first; before, that "
-            "needs the right schema",
-            statement=statement,
-            right="schema",
-        )
     else:
         kind = f"{quad.subject} is a term of the schema"
     return ForbiddenError(

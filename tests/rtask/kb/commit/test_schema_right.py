@@ -79,7 +79,6 @@ HARMLESS = (
 @pytest.fixture(scope="module")
 def kb() -> Iterator[KnowledgeBase]:
     with rtask.open(":memory:", base=BASE) as opened:
-        insert(opened, "its:mug a rt:Mug", agent="nao-2")
         yield opened
 
 

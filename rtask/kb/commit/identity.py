@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator
 from itertools import islice
 
-from pyoxigraph import NamedNode, Quad
+from pyoxigraph import BlankNode, NamedNode, Quad
 
 import ontology
 from rtask.errors import ForbiddenError
@@ -92,10 +92,11 @@ def _behind(
     is_input: Callable[..., bool],
 ) -> tuple[Term, Term, Quad | None, str]:
     """Return two terms that become one, and what is stated of them that the other has as well."""
-    other_of: dict[Term, Term] = {}
+    other_of: dict[Term, NamedNode | BlankNode] = {}
     for a, _, b in merges:
-        other_of.setdefault(a, b)
-        other_of.setdefault(b, a)
+        if isinstance(a, NamedNode | BlankNode) and isinstance(b, NamedNode | BlankNode):
+            other_of.setdefault(a, b)
+            other_of.setdefault(b, a)
     named: Quad | None = None
     for quad in added:
         other = other_of.get(quad.subject)

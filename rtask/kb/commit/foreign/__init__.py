@@ -1,1 +1,0 @@
-"""What a caller may say of the names and individuals of others."""
