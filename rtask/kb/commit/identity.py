@@ -108,8 +108,8 @@ def _behind(
                 return quad.subject, other, quad, f"{other} has that as well, and "
         elif quad.object in other_of:
             return quad.object, other_of[quad.object], quad, ""
-    first, _, other = next(iter(merges))
-    return first, other, named, ""
+    merge = next(iter(merges))
+    return merge[0], merge[2], named, ""
 
 
 def _tells_apart(quad: Quad) -> bool:
