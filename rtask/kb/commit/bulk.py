@@ -20,7 +20,7 @@ from rtask.errors import ForbiddenError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import MAX_QUADS, Commit, Request
 from rtask.kb.commit.committer import Committer
-from rtask.kb.commit.identity import MAX_MERGES, merge_refused, merges_of_others
+from rtask.kb.commit.foreign.identity import MAX_MERGES, merge_refused, merges_of_others
 from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.schema_right import SchemaRight, axiom_refused
 from rtask.kb.commit.writer import Writer

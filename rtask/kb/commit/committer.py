@@ -27,7 +27,7 @@ from rtask.errors import (
 from rtask.kb.commit.budget import UNBOUNDED, Guard, ReasoningLimits, stopping
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
 from rtask.kb.commit.commit import MAX_EMPTIED, Change, Commit, Request
-from rtask.kb.commit.identity import require_identity
+from rtask.kb.commit.foreign.identity import require_identity
 from rtask.kb.commit.inference import Inference, Staged, rules_from_now_on
 from rtask.kb.commit.quarantine import set_aside
 from rtask.kb.commit.schema_right import require_schema
