@@ -10,7 +10,7 @@ from reasoner.facts.equality import Equality
 from reasoner.facts.layer import Asserted, Layer
 from reasoner.facts.relations import Facts
 from reasoner.reading import Reading
-from reasoner.terms.dictionary import Dictionary, Fact, Triple
+from reasoner.terms.dictionary import Dictionary, Fact, Term, Triple
 from reasoner.terms.vocabulary import SAME
 
 __all__ = ["Triples", "difference", "missing_and_surplus", "small_difference"]
@@ -40,6 +40,12 @@ class Triples(Collection[Triple]):
         """Return the triples as N-Triples, in a fraction of the time of making the terms."""
         write = self._terms.write_column
         return "".join(line for p, c in self._columns.items() for line in write(p, c)).encode()
+
+    def having(self, predicate: Term) -> Iterator[Triple]:
+        """Yield the triples with a predicate; the others are not looked at."""
+        p = self._terms.find(predicate)
+        if p in self._columns:
+            yield from self._terms.decode_column(p, self._columns[p])
 
     def parts(self, size: int) -> Iterator[Triples]:
         """Yield the triples in parts of at most so many."""

@@ -3,7 +3,7 @@
 A program sends the same few fields that matter with each request: who asks, and in which format the
 answer is to come. Identifying the sender and negotiating the format takes longer than finding the
 answer to a small query, so what follows from these fields is kept until a token changes. Fields
-that change nothing here, such as ``User-Agent`` or ``Traceparent``, may differ each time.
+that the server does not read, such as ``User-Agent`` or a program's own, may differ each time.
 """
 
 from __future__ import annotations
@@ -30,15 +30,19 @@ Place = Literal["url", "form", "body"]
 """Where the text of a query is: a field of the address or of a form, or all of the body."""
 
 RELEVANT = frozenset((b"host", b"authorization", b"accept", b"accept-encoding", b"content-type"))
-IRRELEVANT = frozenset(
+DECIDING = frozenset(
     (
-        *(b"accept-language", b"baggage", b"cache-control", b"connection", b"content-length"),
-        *(b"dnt", b"pragma", b"priority", b"referer", b"sec-fetch-dest", b"sec-fetch-mode"),
-        *(b"sec-fetch-site", b"sec-fetch-user", b"sec-gpc", b"te", b"traceparent", b"tracestate"),
-        *(b"user-agent", b"x-request-id"),
+        *(b"content-encoding", b"cookie", b"expect", b"forwarded", b"idempotency-key"),
+        *(b"if-match", b"if-modified-since", b"if-none-match", b"if-range"),
+        *(b"if-unmodified-since", b"last-event-id", b"mcp-protocol-version", b"origin"),
+        *(b"prefer", b"range", b"transfer-encoding", b"upgrade"),
     )
 )
-"""Fields on which no answer to a query depends; any other field needs a closer look."""
+"""Fields that the server reads elsewhere: a request that has one needs a closer look.
+
+Fields that it does not read at all change nothing, and may differ each time.
+"""
+_DECIDING_STARTS = (b"rtask-", b"x-forwarded-", b"access-control-")
 _MAX_BYTES = 4 << 10
 _MAX_HEADS = 1_024
 _PLACES: dict[str, Place] = {QUERY_TYPE: "body", FORM_TYPE: "form"}
@@ -114,7 +118,7 @@ class Heads:
             name = field[0]
             if name in RELEVANT:
                 relevant.append(field)
-            elif name not in IRRELEVANT:
+            elif name in DECIDING or name.startswith(_DECIDING_STARTS):
                 return None
         revision = self._tokens.revision()
         if revision != self._revision:

@@ -8,27 +8,32 @@ the folder after a crash completes it.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import IO
 
 from pyoxigraph import Quad, RdfFormat, parse
 
-from rtask.errors import UsageError
+from rtask.errors import ForbiddenError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import MAX_QUADS, Commit, Request
 from rtask.kb.commit.committer import Committer
+from rtask.kb.commit.foreign.identity import MAX_MERGES, merge_refused, merges_of_others
 from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.schema_right import SchemaRight, axiom_refused
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.saved_closures import discard_saved
 from rtask.kb.durability.settings import write_durably
+from rtask.kb.store.apply import apply
 from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
-from rtask.kb.store.quads import InGraph
+from rtask.kb.store.quads import InGraph, QuadChain
+from rtask.kb.store.union import union_change
+from rtask.kb.store.writes import Writes
 from rtask.rdf.bounds import refuse_long_literal
 from rtask.rdf.terms import DEFAULT, GraphName, NamedNode, iri
 
@@ -83,14 +88,20 @@ def bulk_add(
         if files.folder is not None:
             discard_saved(files.folder)
         _mark(files, graph)
+        fresh: list[Quad] = []
         if isinstance(data, TripleText):
-            touched = _add_text(files, committer, data, graph, request.access)
+            touched = _add_text(files, committer, data, graph, request.access, fresh)
         else:
-            touched = _add_quads(files, data, graph, request.access, committer)
+            touched = _add_quads(files, data, graph, request.access, committer, fresh)
         _checkpoint(files, committer.last_seq)
     if not files.settings.plain:
         named = frozenset(g for g in touched if isinstance(g, NamedNode))
-        finish_bulk(writer, inference, replace(request, trusted=True, recount=named))
+        try:
+            recounted = replace(request, trusted=True, recount=named)
+            finish_bulk(writer, inference, recounted, fresh)
+        except ForbiddenError:
+            _unmark(files)
+            raise
         with writer.exclusive():
             _checkpoint(files, committer.last_seq)
             save = None if inference is None else inference.prepare_save(always=True)
@@ -101,7 +112,12 @@ def bulk_add(
 
 
 def _add_text(
-    files: Files, committer: Committer, text: TripleText, graph: GraphName, access: Access
+    files: Files,
+    committer: Committer,
+    text: TripleText,
+    graph: GraphName,
+    access: Access,
+    fresh: list[Quad],
 ) -> set[GraphName]:
     store = files.store
     checks_each = access.role == "robot" or not access.may_state_axioms
@@ -109,7 +125,7 @@ def _add_text(
         with text.open() as stream:
             parsed = parse(stream, format=text.format, base_iri=text.base)
             quads = (Quad(q.subject, q.predicate, q.object, graph) for q in parsed)
-            return _add_quads(files, quads, graph, access, committer)
+            return _add_quads(files, quads, graph, access, committer, fresh)
     for target in (graph, DEFAULT) if files.settings.is_merged else (graph,):
         try:
             with text.open() as stream:
@@ -134,22 +150,31 @@ def _refuse_rules(committer: Committer, graph: GraphName) -> None:
 
 
 def _add_quads(
-    files: Files, quads: Iterable[Quad], graph: GraphName, access: Access, committer: Committer
+    files: Files,
+    quads: Iterable[Quad],
+    graph: GraphName,
+    access: Access,
+    committer: Committer,
+    fresh: list[Quad],
 ) -> set[GraphName]:
     joined: dict[GraphName, bool] = {graph: files.settings.is_merged and Graphs.is_joined(graph)}
 
     right = None
+    store = files.store
     if not access.may_state_axioms:
         declared = committer.catalogue.declared()
-        right = SchemaRight(access, committer.graphs, files.store, declared)
+        right = SchemaRight(access, committer.graphs, store, declared)
     names_robots = access.role == "robot" and not committer.plain
 
     def with_union() -> Iterator[Quad]:
         for quad in quads:
             name = quad.graph_name
             refuse_long_literal(quad.object, f"{quad.subject} {quad.predicate}")
-            if right is not None and right.is_foreign(quad):
-                raise axiom_refused(quad, access, committer.graphs)
+            if right is not None:
+                if right.is_foreign(quad):
+                    raise axiom_refused(quad, access, committer.graphs)
+                if quad not in store:
+                    fresh.append(quad)
             if names_robots:
                 access.require_own_identity(quad, committer.graphs, committer.is_used)
             if name not in joined:
@@ -168,16 +193,30 @@ def _add_quads(
     return set(joined)
 
 
-def finish_bulk(writer: Writer, inference: Inference | None, request: Request) -> Commit:
+def finish_bulk(
+    writer: Writer, inference: Inference | None, request: Request, fresh: Collection[Quad] = ()
+) -> Commit:
     """Recompute the inferred graph and commit the difference.
 
     A difference that exceeds the size of a commit is stored directly beforehand. This is as safe
     as an atomic step: until the commit, the catalogue marks the inferred graph as behind.
+
+    Parameters
+    ----------
+    fresh
+        Statements stored before, to be withdrawn if the caller may not state what follows.
+
+    Raises
+    ------
+    ForbiddenError
+        It follows that individuals of others are the same.
     """
     overlay = writer.begin()
     try:
         if inference is not None:
             missing, surplus = inference.difference()
+            if fresh:
+                _require_identity(writer.committer, inference, missing, request.access, fresh)
             overlay.removed.update(dict.fromkeys(surplus))
             if len(missing) <= MAX_QUADS:
                 overlay.added.update(dict.fromkeys(missing))
@@ -188,6 +227,26 @@ def finish_bulk(writer: Writer, inference: Inference | None, request: Request) -
         writer.cancel()
         raise
     return writer.finish(overlay, request)
+
+
+def _require_identity(
+    committer: Committer,
+    inference: Inference,
+    missing: InGraph,
+    access: Access,
+    fresh: Collection[Quad],
+) -> None:
+    """Withdraw what was stored, and raise, if others' individuals follow to be the same."""
+    store, graphs = committer.store, committer.graphs
+    merges = [*islice(merges_of_others(missing, access, graphs, store), MAX_MERGES)]
+    if not merges:
+        return
+    error = merge_refused(merges, fresh, store, access, graphs)
+    removed = dict.fromkeys(fresh)
+    union = () if store.is_view else union_change(store, removed, ()).removed
+    apply(store, Writes(QuadChain(removed, union)))
+    inference.difference()
+    raise error
 
 
 def _add_derived(store: GraphStore, derived: InGraph) -> None:

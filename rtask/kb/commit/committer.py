@@ -27,11 +27,8 @@ from rtask.errors import (
 from rtask.kb.commit.budget import UNBOUNDED, Guard, ReasoningLimits, stopping
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
 from rtask.kb.commit.commit import MAX_EMPTIED, Change, Commit, Request
-from rtask.kb.commit.inference import (
-    Inference,
-    Staged,
-    rules_from_now_on,
-)
+from rtask.kb.commit.foreign.identity import require_identity
+from rtask.kb.commit.inference import Inference, Staged, rules_from_now_on
 from rtask.kb.commit.quarantine import set_aside
 from rtask.kb.commit.schema_right import require_schema
 from rtask.kb.commit.trials.derivation import CAN_FORK, MAX_TRIED, LongDerivationError
@@ -118,6 +115,7 @@ class Committer:
             self._check_blobs(change)
         derived, staged, aside = self._derive(change, request)
         try:
+            self._require_identity(change, derived, request)
             validator = self.validator
             report = ValidationReport() if validator is None else validator.check(change, derived)
             stored = self._store(change, derived, staged, request)
@@ -137,7 +135,18 @@ class Committer:
         if request.check_blobs and not self.plain:
             self._check_blobs(change)
         derived, staged, _ = self._derive(change, request)
+        try:
+            self._require_identity(change, derived, request)
+        except BaseException:
+            if staged is not None:
+                staged.discard()
+            raise
         return derived, staged
+
+    def _require_identity(self, change: Overlay, derived: Derived, request: Request) -> None:
+        """Refuse a caller's data from which others' individuals follow to be the same."""
+        if not (request.trusted or self.plain):
+            require_identity(change, derived.added, request.access, self.graphs)
 
     def _check(self, change: Overlay, request: Request) -> bool:
         """Refuse what may not be written now; return whether the change is empty."""

@@ -199,10 +199,13 @@ class SchemaRight:
         known = self._own.get(term)
         if known is None:
             named = isinstance(term, BlankNode) or term.value.startswith(self._namespaces)
-            known = self._own[term] = named and not self._is_used_by_others(term)
+            known = self._own[term] = named and not self.is_used_by_others(term)
         return known
 
-    def _is_used_by_others(self, term: NamedNode | BlankNode) -> bool:
+    def is_used_by_others(self, term: Term) -> bool:
+        """Tell whether a graph that is not the caller's names an individual or a property."""
+        if not isinstance(term, NamedNode | BlankNode):
+            return False
         find = self._store.quads_for_pattern
         uses = chain(
             find(term, None, None, None),

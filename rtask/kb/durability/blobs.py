@@ -7,7 +7,6 @@ hashed, followed by fsync, rename and fsync of the folder.
 from __future__ import annotations
 
 import ctypes
-import errno
 import hashlib
 import io
 import os
@@ -21,7 +20,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 import ontology
-from rtask.errors import DataError, MissingBlobError, StorageFullError, UsageError
+from rtask.errors import DataError, MissingBlobError, UsageError
+from rtask.kb.durability.disk_space import full_disk, means_full
 from rtask.rdf.terms import RDF_TYPE, NamedNode, TripleKey, iri, literal
 
 __all__ = ["Blob", "BlobStore", "digest_of"]
@@ -114,13 +114,11 @@ class BlobStore:
         try:
             return self._put_file(self._folder, data, media_type)
         except OSError as error:
-            if error.errno != errno.ENOSPC:
+            if not means_full(error):
                 raise
             stored = self._stored(data, media_type) if isinstance(data, bytes) else None
             if stored is None:
-                raise StorageFullError(
-                    f"the disk is full: no blob stored in {self._folder}"
-                ) from error
+                raise full_disk(self._folder, "to store a blob; nothing was stored") from error
             return stored
 
     def _stored(self, data: bytes, media_type: str) -> Blob | None:
@@ -157,8 +155,8 @@ class BlobStore:
                 final.parent.mkdir(parents=True, exist_ok=True)
                 temporary.replace(final)
         except OSError as error:
-            if error.errno == errno.ENOSPC:
-                raise StorageFullError(f"the disk is full: blobs in {self._folder}") from error
+            if means_full(error):
+                raise full_disk(self._folder, "to store blobs") from error
             raise
         finally:
             for temporary in temporaries:

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 from pyoxigraph import Quad, RdfFormat, serialize
 
-from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, TripleKey, triple_key
+from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, NamedNode, TripleKey, triple_key
 
 __all__ = ["Derived", "InGraph", "QuadChain", "WrittenTriples", "parts_of", "quads_written"]
 
@@ -23,6 +23,9 @@ class _Writable(Collection[TripleKey], Protocol):
 
     def parts(self, size: int) -> Iterator[_Writable]:
         """Yield them in parts of at most so many."""
+
+    def having(self, predicate: NamedNode) -> Iterator[TripleKey]:
+        """Yield those with a predicate."""
 
 
 class InGraph(Collection[Quad]):
@@ -48,6 +51,12 @@ class InGraph(Collection[Quad]):
         if isinstance(self.triples, _Writable):
             return self.triples.ntriples()
         return None if self.written is None else self.written.text
+
+    def having(self, predicate: NamedNode) -> Iterator[TripleKey]:
+        """Yield the triples with a predicate."""
+        if isinstance(self.triples, _Writable):
+            return self.triples.having(predicate)
+        return (triple for triple in self.triples if triple[1] == predicate)
 
     def parts(self, size: int) -> Iterator[InGraph]:
         """Yield derived quads in parts of at most so many, with their text."""

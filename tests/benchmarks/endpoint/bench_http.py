@@ -114,7 +114,7 @@ def requests_of(kind: str, side: Side) -> list[bytes]:
 def request_of(kind: str, peer: Peer, text: str, n: int) -> bytes:
     """Return the bytes of the n-th request of a kind."""
     if kind != "post":
-        more = f"X-Request-Id: {n}\r\n\r\n" if kind == "header" else "\r\n"
+        more = f"X-Step: {n}\r\n\r\n" if kind == "header" else "\r\n"
         more = "Connection: close\r\n\r\n" if kind == "new" else more
         return peer.request(text)[:-2] + more.encode()
     who = f"Authorization: Bearer {peer.token}\r\n" if peer.token else ""

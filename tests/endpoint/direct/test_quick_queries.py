@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from contextlib import ExitStack, closing
 from datetime import timedelta
+from pathlib import Path
 from types import SimpleNamespace
 from urllib.parse import quote
 
@@ -12,12 +14,13 @@ import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
+import endpoint
 import rtask
 from endpoint.access.tokens import TokenStore
 from endpoint.asgi import AsgiApplication
 from endpoint.direct import DirectProtocol, QuickQueries
 from endpoint.direct.exchange import Exchange
-from endpoint.direct.heads import IRRELEVANT, RELEVANT
+from endpoint.direct.heads import DECIDING, RELEVANT
 from endpoint.http.server_protocol import GuardedProtocol
 from endpoint.point_lines import PointLines
 from endpoint.rosbridge.services import NoEngine
@@ -141,7 +144,8 @@ def test_who_reads_without_a_token_is_known_until_one_is_limited_to_some_graphs(
         {"origin": "http://localhost"},
         {"rtask_request_id": "12345678"},
         {"rtask_min_version": "x:1"},
-        {"x_unknown": "1"},
+        {"x_forwarded_for": "10.0.0.1"},
+        {"idempotency_key": "1"},
         {"host": "evil.example"},
         {"accept": "application/sparql-results+xml"},
         {"accept": "image/png"},
@@ -204,9 +208,30 @@ def test_a_query_that_no_reader_takes_is_admitted_once(made, tokens):
     assert len(application.context.queries) == 0
 
 
-def test_no_field_that_the_server_reads_is_taken_for_irrelevant():
-    read_elsewhere = {b"cookie", b"origin", b"if-none-match", b"content-encoding", b"range"}
-    assert not IRRELEVANT & (RELEVANT | read_elsewhere)
+_READ = re.compile(
+    r"""(?:header\(|headers(?:\.get\(|\[))\s*"([\w-]+)"|"([\w-]+)" (?:not )?in (?:\w+\.)?headers"""
+    r"""|^HEADER = "([\w-]+)\"""",
+    re.MULTILINE,
+)
+
+
+def test_each_field_that_the_server_reads_is_known_here():
+    """A field that no source reads changes no answer."""
+    root = Path(endpoint.__file__).parent
+    sources = [file.read_text("utf-8") for file in root.rglob("*.py") if "pages" not in file.parts]
+    found = {name.lower().encode() for text in sources for m in _READ.findall(text) for name in m}
+    assert {b"accept", b"if-none-match", b"rtask-min-version", b"idempotency-key"} <= found
+    read = found - {b"", b"content-length", b"content-disposition", b"cache-control"}
+    assert {n for n in read - RELEVANT - DECIDING if not n.startswith(b"rtask-")} == set()
+    assert not RELEVANT & DECIDING
+
+
+def test_a_field_that_the_server_does_not_read_may_differ_each_time(made, tokens):
+    _, queries = made()
+    token = tokens.create("reader")[0]
+    for fields in ({"x_step": "1"}, {"x_step": "2"}, {"traceparent": "00-1"}, {"my_robot": "x"}):
+        assert take(queries, token, **fields) is not None
+    assert len(queries._heads._known) == 1
 
 
 # Over the protocol, beside the one that leaves everything to the application

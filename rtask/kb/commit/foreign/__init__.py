@@ -1,0 +1,1 @@
+"""What a caller may say of the individuals of others."""

@@ -1,0 +1,117 @@
+"""Identity of others' individuals: a caller's data may not make one of them the same as another.
+
+A key (`owl:hasKey`), a functional or inverse functional property and a rule each make two names one
+individual without a word of identity in what is stated. So this looks at what follows from a
+change, not at how it is stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from itertools import islice
+
+from pyoxigraph import BlankNode, NamedNode, Quad
+
+import ontology
+from rtask.errors import ForbiddenError
+from rtask.kb.commit.access import Access
+from rtask.kb.commit.schema_right import SchemaRight, namespaces
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.quads import InGraph
+from rtask.rdf.terms import Term, TripleKey
+
+__all__ = ["MAX_MERGES", "merge_refused", "merges_of_others", "require_identity"]
+
+_SAME_AS = NamedNode(ontology.PREFIXES["owl"] + "sameAs")
+MAX_MERGES = 100
+"""Pairs for which the statement behind them is looked for."""
+
+
+def merges_of_others(
+    derived: InGraph, access: Access, graphs: Graphs, store: GraphStore
+) -> Iterator[TripleKey]:
+    """Yield the derived identities that concern a term which others than the caller use.
+
+    Parameters
+    ----------
+    derived
+        What newly follows.
+    store
+        Says who uses a term.
+    """
+    right = SchemaRight(access, graphs, store, ())
+    for triple in derived.having(_SAME_AS):
+        if triple[0] != triple[2] and (
+            right.is_used_by_others(triple[0]) or right.is_used_by_others(triple[2])
+        ):
+            yield triple
+
+
+def require_identity(change: Overlay, derived: InGraph, access: Access, graphs: Graphs) -> None:
+    """Raise if it follows from a caller's change that an individual of others is another one.
+
+    Raises
+    ------
+    ForbiddenError
+        Naming the statement, the two individuals and the right.
+    """
+    if access.may_state_axioms:
+        return
+    merges = [*islice(merges_of_others(derived, access, graphs, change.store), MAX_MERGES)]
+    if merges:
+        raise merge_refused(merges, change.added, change.store, access, graphs)
+
+
+def merge_refused(
+    merges: Collection[TripleKey],
+    added: Collection[Quad],
+    store: GraphStore,
+    access: Access,
+    graphs: Graphs,
+) -> ForbiddenError:
+    """Return the error for identities that a caller's statements may not lead to."""
+    first, other, quad, has = _behind(merges, added, store, graphs.is_input)
+    statement = "this" if quad is None else f"{quad.subject} {quad.predicate} {quad.object}"
+    own = namespaces(access, graphs)[0] if access.agent else ""
+    return ForbiddenError(
+        f"{access.role} {access.agent} may not state {statement}: {has}it would follow that "
+        f"{first} and {other} are the same, and others use them; that needs the right schema. Of "
+        f"its own terms ({own}...) that nobody else uses it may state what it likes",
+        statement=None if quad is None else statement,
+        same=[str(first).strip("<>"), str(other).strip("<>")],
+        right="schema",
+    )
+
+
+def _behind(
+    merges: Collection[TripleKey],
+    added: Collection[Quad],
+    store: GraphStore,
+    is_input: Callable[..., bool],
+) -> tuple[Term, Term, Quad | None, str]:
+    """Return two terms that become one, and what is stated of them that the other has as well."""
+    other_of: dict[Term, NamedNode | BlankNode] = {}
+    for a, _, b in merges:
+        if isinstance(a, NamedNode | BlankNode) and isinstance(b, NamedNode | BlankNode):
+            other_of.setdefault(a, b)
+            other_of.setdefault(b, a)
+    named: Quad | None = None
+    for quad in added:
+        other = other_of.get(quad.subject)
+        if other is not None:
+            named = named or quad
+            has = store.quads_for_pattern(other, quad.predicate, quad.object, None)
+            here = any(is_input(match.graph_name) for match in has)
+            if here and _tells_apart(quad):
+                return quad.subject, other, quad, f"{other} has that as well, and "
+        elif quad.object in other_of:
+            return quad.object, other_of[quad.object], quad, ""
+    merge = next(iter(merges))
+    return merge[0], merge[2], named, ""
+
+
+def _tells_apart(quad: Quad) -> bool:
+    """Tell whether a value may be that of a key; a class is shared by many."""
+    return quad.predicate.value != ontology.PREFIXES["rdf"] + "type"
