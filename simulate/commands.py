@@ -19,7 +19,7 @@ from simulate import options
 from simulate.act.commands import act_serve, act_test
 from simulate.agent.decisions import Thresholds
 from simulate.fleet.commands import fetch
-from simulate.ros.commands import ros, ros_reach
+from simulate.ros.commands import ros, ros2, ros_reach
 from simulate.tasks.commands import tasks
 
 __all__ = ["demo", "simulate"]
@@ -252,6 +252,7 @@ simulate.add_command(fetch)
 simulate.add_command(act_test)
 simulate.add_command(act_serve)
 simulate.add_command(ros)
+simulate.add_command(ros2)
 simulate.add_command(tasks)
 simulate.add_command(ros_reach)
 

@@ -50,7 +50,7 @@ _CONDITIONS = {
 class _Fleet:
     """Reports and findings of one fleet under one condition."""
 
-    told: dict[int, list[tuple[int, ReportedGrasp]]] = field(default_factory=dict)
+    reports: dict[int, list[tuple[int, ReportedGrasp]]] = field(default_factory=dict)
     count: dict[int, int] = field(default_factory=dict)
     named: dict[int, int] = field(default_factory=dict)
     """robots whose reports are left out now, and how many they had made when they were named"""
@@ -184,14 +184,14 @@ def _play(
     for meeting in order.tolist():
         robot, i = meetings[meeting]
         luck, claims = Luck.draw(rng, player.cap), rng.random(player.cap) < 0.5
-        reports = list(_heard(fleet, robot, fleet.told.get(i, [])))
+        reports = list(_heard(fleet, robot, fleet.reports.get(i, [])))
         if condition == "unheard":
-            reports = [attempt for who, attempt in fleet.told.get(i, []) if who >= liars]
+            reports = [attempt for who, attempt in fleet.reports.get(i, []) if who >= liars]
         done = player.play(products[i], luck, reports if luck.recognised else ())
         lies = not condition.startswith("truthful") and robot < liars
         for attempt, held in zip(done, claims.tolist(), strict=False):
             report = ReportedGrasp(attempt.arm, _lie(lie, attempt.held, held)) if lies else attempt
-            fleet.told.setdefault(i, []).append((robot, report))
+            fleet.reports.setdefault(i, []).append((robot, report))
         fleet.count[robot] = fleet.count.get(robot, 0) + len(done)
         if robot >= liars and done:
             fleet.first.append((i, done[0].held))
@@ -218,7 +218,7 @@ def _lie(lie: str, held: bool, anything: bool) -> bool:
 def _judge(fleet: _Fleet, is_weighed: bool) -> None:
     """Name robots that are found not to report truthfully, and weigh the others if asked."""
     counts: dict[tuple[int, int, int], list[int]] = {}
-    for i, entries in fleet.told.items():
+    for i, entries in fleet.reports.items():
         for robot, entry in entries:
             count = counts.setdefault((robot, i, entry.arm), [0, 0])
             count[0] += entry.held

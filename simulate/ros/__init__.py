@@ -1,1 +1,1 @@
-"""A simulated robot in ROS 1: sensors, TF, trajectories and the act service."""
+"""A simulated robot in ROS 1 and ROS 2: sensors, TF, trajectories and the act service."""

@@ -7,13 +7,11 @@ import math
 import queue
 import time
 from collections.abc import Callable
-from typing import Any
 
-from rtask.errors import RtaskError
-from rtask.interop.ros.convert import mapping_of
-from rtask.interop.ros.operations import refusal
-from rtask.interop.ros.services import service_type
+from rtask.errors import RemoteUnavailableError, RtaskError
+from rtask.interop.ros.convert import JsonObject
 from simulate.act.service import ActService
+from simulate.ros.front import Front
 from simulate.ros.sensors import Rates, Sensors
 from simulate.ros.trajectories import ArmAction
 
@@ -28,6 +26,8 @@ class RosBody:
 
     Parameters
     ----------
+    front
+        ROS.
     service
         The act service of the robot.
     is_clock
@@ -40,27 +40,26 @@ class RosBody:
 
     def __init__(
         self,
+        front: Front,
         service: ActService,
         rates: Rates,
         is_clock: bool = False,
         prefix: str = "",
         is_paced: bool = True,
     ) -> None:
-        import rospy
-
         self._service, self._is_paced = service, is_paced
         self._world = service.cell.world
         self._work: queue.Queue[Callable[[], None]] = queue.Queue()
-        self._sensors = Sensors(service.cell.robot, rates, is_clock, prefix)
+        self._sensors = Sensors(front, service.cell.robot, rates, is_clock, prefix)
         self._world.on_step = self._stepped
         self._started, self._began = time.monotonic(), self._world.time
         self.arms = [
-            ArmAction(service.cell.robot, arm, self._work.put, lambda: not service.has_the_arm)
+            ArmAction(
+                front, service.cell.robot, arm, self._work.put, lambda: not service.has_the_arm
+            )
             for arm in service.cell.robot.arms
         ]
-        kind = service_type("Act")
-        self._answer = kind._response_class
-        self._act_service = rospy.Service("act", kind, self._act)
+        front.offer_act("act", self._act)
 
     def run(self, is_ended: Callable[[], bool]) -> None:
         """Run the physics until the end, and what was posted in its order."""
@@ -79,12 +78,14 @@ class RosBody:
         elif ahead < -1.0:  # too slow for the wall's time: do not race to catch up
             self._started, self._began = time.monotonic(), self._world.time
 
-    def _act(self, message: Any) -> Any:
-        """Carry out a request in the physics, and wait in the thread of the service's caller."""
-        import rospy
+    def _act(self, request: JsonObject) -> JsonObject:
+        """Carry out a request in the physics, and wait in the thread of the service's caller.
 
-        request = mapping_of(message)
-        outcome: queue.Queue[dict[str, Any] | RtaskError] = queue.Queue()
+        Returns
+        -------
+        The fields of ``rtask_msgs/Act``'s response.
+        """
+        outcome: queue.Queue[JsonObject | RtaskError] = queue.Queue()
 
         def act() -> None:
             try:
@@ -96,13 +97,13 @@ class RosBody:
         try:
             answer = outcome.get(timeout=_ACT_S)
         except queue.Empty:
-            raise rospy.ServiceException(f"act: no answer within {_ACT_S:g} s") from None
+            raise RemoteUnavailableError(f"act: no answer within {_ACT_S:g} s") from None
         if isinstance(answer, RtaskError):
-            raise rospy.ServiceException(refusal(answer))
-        made = self._answer()
-        for name in ("success", "held", "placed", "reason", "theta", "arm"):
-            setattr(made, name, answer[name])
+            raise answer
+        names = ("success", "held", "placed", "reason", "theta", "arm")
         error_m = answer["distance_error_m"]
-        made.distance_error_m = math.nan if error_m is None else error_m
-        made.record_json = json.dumps(answer["record"])
-        return made
+        return {
+            **{name: answer[name] for name in names},
+            "distance_error_m": math.nan if error_m is None else float(error_m),
+            "record_json": json.dumps(answer["record"]),
+        }

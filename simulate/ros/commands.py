@@ -1,9 +1,11 @@
-"""``rtask simulate ros`` and ``ros-reach``: a simulated robot in ROS 1, and a driver's client."""
+"""``rtask simulate ros``, ``ros2`` and ``ros-reach``: a simulated robot in ROS, and a client."""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,41 +14,55 @@ from rtask.cli.ros.node import end_on_signals
 from rtask.cli.ros.schema import engine_schema
 from rtask.errors import RemoteUnavailableError, RobotError
 from simulate import options
+from simulate.drivers.rclpy_node import ros_arguments
 
-__all__ = ["ros", "ros_reach"]
+if TYPE_CHECKING:
+    from simulate.ros.front import Front
+
+__all__ = ["ros", "ros2", "ros_reach"]
+
+
+def _body_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of a simulated body, the same in ROS 1 and ROS 2."""
+    for option in reversed(
+        (
+            options.robot,
+            click.option(
+                "--objects", default=4, show_default=True, help="Objects put on the table."
+            ),
+            options.seed(),
+            options.preset,
+            click.option(
+                "--look", default="right", show_default=True, help="Side to which the head turns."
+            ),
+            click.option(
+                "--clock", is_flag=True,
+                help="Publish simulated time on /clock, and stamp with it.",
+            ),
+            click.option(
+                "--unpaced", is_flag=True, help="Run as fast as it goes, not at the wall's time."
+            ),
+            click.option("--prefix", default="", help="Before the names of its frames, as nao1/."),
+            click.option(
+                "--joints-hz", default=20.0, show_default=True, help="Joints and TF per second."
+            ),
+            click.option(
+                "--frames-hz", default=5.0, show_default=True, help="Clouds and images per second."
+            ),
+        )
+    ):  # fmt: skip
+        command = option(command)
+    return command
 
 
 @click.command()
 @click.argument("remaps", nargs=-1, metavar="[REMAPS]...")
-@options.robot
-@click.option("--objects", default=4, show_default=True, help="Objects put on the table.")
-@options.seed()
-@options.preset
-@click.option("--look", default="right", show_default=True, help="Side to which the head turns.")
-@click.option("--clock", is_flag=True, help="Publish simulated time on /clock, and stamp with it.")
-@click.option("--unpaced", is_flag=True, help="Run as fast as it goes, not at the wall's time.")
-@click.option("--prefix", default="", help="Before the names of its frames, such as nao1/.")
-@click.option("--joints-hz", default=20.0, show_default=True, help="Joints and TF per second.")
-@click.option("--frames-hz", default=5.0, show_default=True, help="Clouds and images per second.")
+@_body_options
 @click.option("--name", default="body", show_default=True, help="Name of the node.")
 @click.option(
     "--wait", "wait_s", default=10.0, show_default=True, help="Longest wait for the ROS master, s."
 )
-def ros(
-    remaps: tuple[str, ...],
-    robot: str,
-    objects: int,
-    seed: int,
-    preset: str,
-    look: str,
-    clock: bool,
-    unpaced: bool,
-    prefix: str,
-    joints_hz: float,
-    frames_hz: float,
-    name: str,
-    wait_s: float,
-) -> None:
+def ros(remaps: tuple[str, ...], name: str, wait_s: float, clock: bool, **given: Any) -> None:
     """Show a simulated robot in ROS 1, as the drivers of a real one do, until Ctrl-C.
 
     Publishes camera/depth_registered/points, camera/rgb/image_raw/compressed and its camera_info,
@@ -58,31 +74,73 @@ def ros(
 
     load_messages(engine_schema(), use_ros())
     from rtask.interop.ros.node import NodeOptions, RosNode
+    from simulate.ros.rospy_front import RospyFront
+
+    node = RosNode(NodeOptions(name, remaps, wait_s, publishes_clock=clock), ["act"])
+    try:
+        end_on_signals(node)
+        _show(RospyFront(), node.name, node.ended.is_set, clock=clock, **given)
+    finally:
+        node.end()
+    if node.reason:
+        raise RemoteUnavailableError(f"ROS ended the node {node.name}: {node.reason}")
+
+
+@click.command()
+@_body_options
+@click.option("--name", default="body", show_default=True, help="Name of the node.")
+@ros_arguments
+def ros2(name: str, ros_args: str, **given: Any) -> None:
+    """Show a simulated robot in ROS 2, as the drivers of a real one do, until Ctrl-C.
+
+    The topics, actions and frames of `rtask simulate ros`. Needs rclpy in RTASK's own Python:
+    source a ROS 2 for that version of Python, and a workspace with the package of `rtask ros
+    messages`.
+    """
+    from rtask.cli.ros2.dds import ended_by_signals
+    from simulate.drivers.rclpy_node import ros2_node
+    from simulate.ros.rclpy_front import RclpyFront
+
+    with ros2_node(name, ros_args, threads=8) as node:
+        ended = ended_by_signals()
+        _show(RclpyFront(node), node.get_fully_qualified_name(), ended.is_set, **given)
+
+
+def _show(
+    front: Front,
+    full_name: str,
+    is_ended: Callable[[], bool],
+    *,
+    robot: str,
+    objects: int,
+    seed: int,
+    preset: str,
+    look: str,
+    clock: bool,
+    unpaced: bool,
+    prefix: str,
+    joints_hz: float,
+    frames_hz: float,
+) -> None:
+    """Show a simulated robot until the end."""
     from simulate.act.commands import lay_objects
     from simulate.act.service import ActService
     from simulate.grasping.executor import Workcell
     from simulate.ros.body import RosBody
     from simulate.ros.sensors import Rates
 
-    node = RosNode(NodeOptions(name, remaps, wait_s, publishes_clock=clock), ["act"])
-    try:
-        end_on_signals(node)
-        with (
-            Workcell(robot, preset) as cell,
-            tempfile.TemporaryDirectory(prefix="rtask-assets-") as folder,
-        ):
-            standing = lay_objects(cell, objects, seed, Path(folder))
-            cell.robot.look(look)
-            rates = Rates(joints_hz, frames_hz)
-            if min(joints_hz, frames_hz) <= 0:
-                raise RobotError("--joints-hz, --frames-hz: expected rates above 0")
-            body = RosBody(ActService(cell, seed=seed), rates, clock, prefix, not unpaced)
-            click.echo(f"ready {node.name}: {robot}, {len(standing)} objects")
-            body.run(node.ended.is_set)
-    finally:
-        node.end()
-    if node.reason:
-        raise RemoteUnavailableError(f"ROS ended the node {node.name}: {node.reason}")
+    with (
+        Workcell(robot, preset) as cell,
+        tempfile.TemporaryDirectory(prefix="rtask-assets-") as folder,
+    ):
+        standing = lay_objects(cell, objects, seed, Path(folder))
+        cell.robot.look(look)
+        if min(joints_hz, frames_hz) <= 0:
+            raise RobotError("--joints-hz, --frames-hz: expected rates above 0")
+        rates = Rates(joints_hz, frames_hz)
+        body = RosBody(front, ActService(cell, seed=seed), rates, clock, prefix, not unpaced)
+        click.echo(f"ready {full_name}: {robot}, {len(standing)} objects")
+        body.run(is_ended)
 
 
 @click.command("ros-reach")

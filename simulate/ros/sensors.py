@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import Frame
+from grasp.messages import pose_message
 from rtask.interop.ros.clouds import cloud_message
+from rtask.interop.ros.convert import bytes_like, fill, make_message
 from simulate.motion.collision import link_poses
+from simulate.ros.front import Front
 from simulate.world.camera import Camera, Lighting
 from simulate.world.noise import SensorNoise
 from simulate.world.robot_body import RobotBody
@@ -39,6 +42,8 @@ class Sensors:
 
     Parameters
     ----------
+    front
+        ROS.
     robot
         The body.
     rates
@@ -50,74 +55,70 @@ class Sensors:
     """
 
     def __init__(
-        self, robot: RobotBody, rates: Rates, is_clock: bool = False, prefix: str = ""
+        self,
+        front: Front,
+        robot: RobotBody,
+        rates: Rates,
+        is_clock: bool = False,
+        prefix: str = "",
     ) -> None:
-        import rospy
-        import tf2_msgs.msg
-        import tf2_ros
-        from rosgraph_msgs.msg import Clock
-        from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState, PointCloud2
-
+        self._front = front
         self._robot, self._rates, self._prefix = robot, rates, prefix
         self._camera = Camera(robot.world.client)
         self._noise, self._rng = SensorNoise(), np.random.default_rng(0)
         self._next_joints = self._next_frame = 0.0
         self._joints_stamp: Any = None
         camera, gazebo = "camera/rgb", f"{next(iter(robot.description.cameras))}_frame"
-        self._clock = rospy.Publisher("/clock", Clock, queue_size=1) if is_clock else None
-        self._joints = rospy.Publisher("/joint_states", JointState, queue_size=1)
-        self._tf = rospy.Publisher("/tf", tf2_msgs.msg.TFMessage, queue_size=10)
+        self._clock = front.publisher("/clock", "rosgraph_msgs/Clock") if is_clock else None
+        self._joints = front.publisher("/joint_states", "sensor_msgs/JointState")
+        self._tf = front.publisher("/tf", "tf2_msgs/TFMessage")
         self._clouds = [
-            rospy.Publisher(name, PointCloud2, queue_size=1)
+            front.publisher(name, "sensor_msgs/PointCloud2")
             for name in ("camera/depth_registered/points", f"{gazebo}/depth/points")
         ]
-        self._image = rospy.Publisher(
-            f"{camera}/image_raw/compressed", CompressedImage, queue_size=1
+        self._image = front.publisher(
+            f"{camera}/image_raw/compressed", "sensor_msgs/CompressedImage"
         )
-        self._colour = rospy.Publisher(f"{gazebo}/rgb/image_raw", Image, queue_size=1)
-        self._depth = rospy.Publisher(f"{gazebo}/depth/image_raw", Image, queue_size=1)
+        self._colour = front.publisher(f"{gazebo}/rgb/image_raw", "sensor_msgs/Image")
+        self._depth = front.publisher(f"{gazebo}/depth/image_raw", "sensor_msgs/Image")
         self._infos = [
-            rospy.Publisher(f"{space}/camera_info", CameraInfo, queue_size=1, latch=True)
+            front.publisher(f"{space}/camera_info", "sensor_msgs/CameraInfo", is_latched=True)
             for space in (camera, f"{gazebo}/rgb", f"{gazebo}/depth")
         ]
         for info in self._infos:
             info.publish(self._camera_info())
-        self._fixed = tf2_ros.StaticTransformBroadcaster()
-        self._fixed.sendTransform(self._fixed_transforms())
+        self._fixed = front.publisher("/tf_static", "tf2_msgs/TFMessage", is_latched=True)
+        self._fixed.publish(_transforms(self._fixed_transforms()))
 
     def now(self) -> Any:
         """Return the time with which to stamp: simulated if the clock is published."""
-        import rospy
-
-        if self._clock is None:
-            return rospy.Time.now()
-        return rospy.Time.from_sec(self._robot.world.time)
+        return self._front.stamp(None if self._clock is None else self._robot.world.time)
 
     def tick(self) -> None:
         """Publish what is due at the robot's present time."""
         time, stamp = self._robot.world.time, self.now()
         if self._clock is not None:
-            self._clock.publish(stamp)
+            clock = make_message("rosgraph_msgs/Clock")
+            clock.clock = stamp
+            self._clock.publish(clock)
         if time >= self._next_joints:
             self._next_joints = time + 1 / self._rates.joints_hz
             self._publish_joints(stamp)
         if time >= self._next_frame:
             self._next_frame = time + 1 / self._rates.frames_hz
             frames = (*self._clouds, self._image, self._colour, self._depth)
-            if any(topic.get_num_connections() for topic in frames):
+            if any(topic.is_heard() for topic in frames):
                 self._publish_joints(stamp)  # where the camera is at the time of the frame
                 self._publish_frame(stamp)
 
     def _publish_joints(self, stamp: Any) -> None:
-        import tf2_msgs.msg
-        from sensor_msgs.msg import JointState
-
         # Listeners of TF warn of each transform that repeats a stamp.
         if stamp == self._joints_stamp:
             return
         self._joints_stamp = stamp
         values = self._robot.joint_values()
-        state = JointState(name=list(values), position=list(values.values()))
+        state = make_message("sensor_msgs/JointState")
+        state.name, state.position = list(values), [float(value) for value in values.values()]
         state.header.stamp = stamp
         self._joints.publish(state)
         moving = [
@@ -125,30 +126,30 @@ class Sensors:
             for joint in self._robot.description.moving_joints()
             for child, parent_from_child in link_poses(joint.parent, [joint], values).items()
         ]
-        self._tf.publish(tf2_msgs.msg.TFMessage(moving))
+        self._tf.publish(_transforms(moving))
 
     def _publish_frame(self, stamp: Any) -> None:
         frame = self._frame()
         assert frame.rgb is not None
         header = self._header(stamp)
-        clouds = [topic for topic in self._clouds if topic.get_num_connections()]
+        clouds = [topic for topic in self._clouds if topic.is_heard()]
         if clouds:
             message = cloud_message(frame.points(), frame.rgb, header)
             for topic in clouds:
                 topic.publish(message)
-        if self._image.get_num_connections():
-            from sensor_msgs.msg import CompressedImage
-
+        if self._image.is_heard():
             flags = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
             done, data = cv2.imencode(".jpg", frame.rgb[..., ::-1], flags)
             assert done
-            self._image.publish(
-                CompressedImage(header, "rgb8; jpeg compressed bgr8", data.tobytes())
-            )
-        if self._colour.get_num_connections():
+            image = make_message("sensor_msgs/CompressedImage")
+            image.header, image.format = header, "rgb8; jpeg compressed bgr8"
+            image.data = bytes_like(image.data, data.tobytes())
+            self._image.publish(image)
+        if self._colour.is_heard():
             self._colour.publish(_image_message(frame.rgb, "rgb8", header))
-        if self._depth.get_num_connections():
-            self._depth.publish(_image_message(frame.depth_m.astype("<f4"), "32FC1", header))
+        if self._depth.is_heard():
+            depth = frame.depth_m.astype("<f4")
+            self._depth.publish(_image_message(depth, "32FC1", header))
 
     def _frame(self) -> Frame:
         world_from_camera = self._robot.world_from_base @ self._robot.base_from_camera()
@@ -156,24 +157,27 @@ class Sensors:
         return self._noise.apply(frame, self._rng)
 
     def _header(self, stamp: Any) -> Any:
-        from std_msgs.msg import Header
-
-        return Header(0, stamp, f"{self._prefix}{self._optical()}")
+        header = make_message("std_msgs/Header")
+        header.stamp, header.frame_id = stamp, f"{self._prefix}{self._optical()}"
+        return header
 
     def _optical(self) -> str:
         return next(iter(self._robot.description.cameras.values())).frame_id
 
     def _camera_info(self) -> Any:
-        from sensor_msgs.msg import CameraInfo
-
         lens = self._camera.intrinsics
         fx, fy, cx, cy = lens.fx, lens.fy, lens.cx, lens.cy
-        info = CameraInfo(height=lens.height, width=lens.width, distortion_model="plumb_bob")
-        info.header = self._header(self.now())
-        info.D = [0.0] * 5
-        info.K = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
-        info.R = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-        info.P = [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+        info = make_message("sensor_msgs/CameraInfo")
+        info.header, info.height, info.width = self._header(self.now()), lens.height, lens.width
+        info.distortion_model = "plumb_bob"
+        matrices = {
+            "d": [0.0] * 5,
+            "k": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+            "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            "p": [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        }
+        for name, values in matrices.items():  # in capitals in ROS 1
+            setattr(info, name if hasattr(info, name) else name.upper(), values)
         return info
 
     def _fixed_transforms(self) -> list[Any]:
@@ -188,12 +192,8 @@ class Sensors:
         return [self._transform(parent, child, matrix, stamp) for parent, child, matrix in fixed]
 
     def _transform(self, parent: str, child: str, matrix: Any, stamp: Any) -> Any:
-        from geometry_msgs.msg import TransformStamped
-
-        from grasp.messages import pose_message
-        from rtask.interop.ros.convert import fill, make_message
-
-        made = TransformStamped(child_frame_id=f"{self._prefix}{child}")
+        made = make_message("geometry_msgs/TransformStamped")
+        made.child_frame_id = f"{self._prefix}{child}"
         made.header.stamp, made.header.frame_id = stamp, f"{self._prefix}{parent}"
         pose = pose_message(matrix)
         fill(made.transform.translation, pose["position"], make_message)
@@ -203,8 +203,15 @@ class Sensors:
 
 def _image_message(pixels: NDArray[Any], encoding: str, header: Any) -> Any:
     """Return a sensor_msgs/Image of pixels (h, w) or (h, w, 3)."""
-    from sensor_msgs.msg import Image
-
     rows = np.ascontiguousarray(pixels)
-    height, width = rows.shape[:2]
-    return Image(header, height, width, encoding, 0, rows.strides[0], rows.tobytes())
+    image = make_message("sensor_msgs/Image")
+    image.header, image.encoding = header, encoding
+    image.height, image.width = rows.shape[:2]
+    image.step, image.data = rows.strides[0], bytes_like(image.data, rows.tobytes())
+    return image
+
+
+def _transforms(made: list[Any]) -> Any:
+    message = make_message("tf2_msgs/TFMessage")
+    message.transforms = made
+    return message

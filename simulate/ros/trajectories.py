@@ -6,7 +6,6 @@ The action thread only posts a goal; the physics, in its own thread, follows it.
 from __future__ import annotations
 
 import queue
-import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import UsageError
-from rtask.interop.ros.convert import make_message, mapping_of
+from rtask.interop.ros.convert import mapping_of
 from simulate.motion.joint_messages import (
     GOAL_TOLERANCE,
     INVALID_GOAL,
@@ -25,6 +24,7 @@ from simulate.motion.joint_messages import (
     read_trajectory,
 )
 from simulate.motion.trajectory import Trajectory
+from simulate.ros.front import Ending, Front, TrajectoryGoal
 from simulate.world.robot_body import RobotBody
 
 __all__ = ["ArmAction"]
@@ -41,11 +41,10 @@ class Goal:
     Parameters
     ----------
     outcome
-        Code and words at the end; a joint state before it.
+        An Ending at the end; feedback before it.
     """
 
-    message: Any
-    cancelled: threading.Event = field(default_factory=threading.Event)
+    asked: TrajectoryGoal
     outcome: queue.Queue[Any] = field(default_factory=queue.Queue)
 
 
@@ -54,6 +53,8 @@ class ArmAction:
 
     Parameters
     ----------
+    front
+        ROS.
     post
         Hands work to the thread of the physics.
     is_free
@@ -62,46 +63,25 @@ class ArmAction:
 
     def __init__(
         self,
+        front: Front,
         robot: RobotBody,
         arm: str,
         post: Callable[[Callable[[], None]], None],
         is_free: Callable[[], bool],
     ) -> None:
-        import actionlib
-
+        self._front = front
         self._robot, self._arm, self._post, self._is_free = robot, arm, post, is_free
         self._joints = robot.arm(arm).joints
-        self._goal: Goal | None = None
-        kind = type(make_message("control_msgs/FollowJointTrajectoryAction"))
         self.name = f"{arm}_controller/follow_joint_trajectory"
-        self._server = actionlib.SimpleActionServer(self.name, kind, self._execute, False)
-        self._server.register_preempt_callback(self._cancel)
-        self._server.start()
+        front.offer_trajectories(self.name, self._execute)
 
-    def _cancel(self) -> None:
-        goal = self._goal
-        if goal is not None:
-            goal.cancelled.set()
-
-    def _execute(self, message: Any) -> None:
+    def _execute(self, asked: TrajectoryGoal) -> Ending:
         """Wait for the end of one goal, in the action's thread."""
-        goal = self._goal = Goal(message)
-        if self._server.is_preempt_requested():
-            goal.cancelled.set()
+        goal = Goal(asked)
         self._post(lambda: self._run(goal))
-        while True:
-            news = goal.outcome.get()
-            if isinstance(news, tuple):
-                break
-            self._server.publish_feedback(news)
-        result = make_message("control_msgs/FollowJointTrajectoryResult")
-        result.error_code, result.error_string = news
-        if goal.cancelled.is_set():
-            self._server.set_preempted(result, "cancelled")
-        elif result.error_code:
-            self._server.set_aborted(result, result.error_string)
-        else:
-            self._server.set_succeeded(result)
+        while not isinstance(news := goal.outcome.get(), Ending):
+            asked.feedback(news)
+        return news
 
     def _run(self, goal: Goal) -> None:
         """Follow a goal, in the thread of the physics."""
@@ -113,18 +93,18 @@ class ArmAction:
         except UsageError as error:
             code, words = INVALID_GOAL, str(error)
         finally:
-            goal.outcome.put((code, words))
+            goal.outcome.put(Ending(code, words))
 
     def _follow(self, goal: Goal) -> tuple[int, str]:
         if not self._is_free():
             raise UsageError("the act service has the arm; call it with action_type home first")
-        asked = mapping_of(goal.message)
+        asked = mapping_of(goal.asked.message)
         now = self._robot.arm_joints(self._arm)
         way = read_trajectory(asked["trajectory"], self._joints, now)
         for state in self._states(way, goal):
             goal.outcome.put(state)
         now = self._robot.arm_joints(self._arm)
-        if goal.cancelled.is_set():
+        if goal.asked.is_cancelled():
             self._robot.command_arm(self._arm, now)
             return 0, "cancelled"
         words = off_goal(asked, self._joints, way.positions[-1], now)
@@ -133,7 +113,7 @@ class ArmAction:
     def _states(self, way: Trajectory, goal: Goal) -> Iterator[Any]:
         """Move along a trajectory until its end or a cancel, and yield the feedback that is due."""
         time, due = 0.0, 0.0
-        while time < way.duration + _SETTLE_S and not goal.cancelled.is_set():
+        while time < way.duration + _SETTLE_S and not goal.asked.is_cancelled():
             position, velocity = way.at(time)
             self._robot.command_arm(self._arm, position, velocity)
             self._robot.world.step(_STEP_S)
@@ -143,11 +123,9 @@ class ArmAction:
                 yield self._feedback(position)
 
     def _feedback(self, desired: NDArray[np.float64]) -> Any:
-        import rospy
-
-        feedback = make_message("control_msgs/FollowJointTrajectoryFeedback")
+        feedback = self._front.feedback()
         now = self._robot.arm_joints(self._arm)
-        feedback.header.stamp, feedback.joint_names = rospy.Time.now(), list(self._joints)
+        feedback.header.stamp, feedback.joint_names = self._front.stamp(None), list(self._joints)
         feedback.desired.positions, feedback.actual.positions = desired.tolist(), now.tolist()
         feedback.error.positions = (desired - now).tolist()
         return feedback

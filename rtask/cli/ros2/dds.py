@@ -20,7 +20,7 @@ from rtask.errors import CallFailedError, DataError, RemoteUnavailableError, Usa
 if TYPE_CHECKING:
     from rtask.client import Client
 
-__all__ = ["dds", "domain_option"]
+__all__ = ["dds", "domain_option", "ended_by_signals"]
 
 _TYPES = {
     "cloud": "sensor_msgs/msg/PointCloud2",
@@ -91,7 +91,7 @@ def serve(
     from rtask.interop.ros.dds.node import DdsNode
     from rtask.interop.ros.dds.types import RosTypes
 
-    schema, ended = engine_schema(), _ended_by_signals()
+    schema, ended = engine_schema(), ended_by_signals()
     with (
         rtask.connect(
             server, token=token_of(token_file), timeout_s=timeout_s, outbox=outbox
@@ -195,7 +195,7 @@ def save(
         print_json(files)
 
 
-def _ended_by_signals() -> threading.Event:
+def ended_by_signals() -> threading.Event:
     """Return an event that SIGINT and SIGTERM set."""
     ended = threading.Event()
 

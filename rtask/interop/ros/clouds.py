@@ -17,7 +17,7 @@ from features.imaging.camera import frame_of_grid, lens_from_message
 from features.imaging.photo import read_photo
 from features.imaging.pictures import depth_of_message, view_of_images
 from rtask.errors import DataError, UsageError
-from rtask.interop.ros.convert import raw_mapping
+from rtask.interop.ros.convert import bytes_like, make_message, raw_mapping
 
 __all__ = [
     "cloud_message",
@@ -27,6 +27,7 @@ __all__ = [
     "packed_cloud",
 ]
 
+_FLOAT32 = 7
 _MAX_BYTES = 256 * 2**20
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
 
@@ -118,18 +119,18 @@ def cloud_message(
     header
         A std_msgs/Header.
     """
-    from sensor_msgs.msg import PointCloud2, PointField
-
     grid = points if points.ndim == 3 else points[None]
-    fields = [PointField(a, 4 * k, PointField.FLOAT32, 1) for k, a in enumerate("xyz")]
-    if rgb is not None:
-        fields.append(PointField("rgb", 12, PointField.FLOAT32, 1))
-    height, width = grid.shape[:2]
-    # numpy 2 has no buffer that genpy takes; bytes it does.
-    return PointCloud2(
-        header, height, width, fields, False, _POINT.itemsize, _POINT.itemsize * width,
-        cloud_rows(grid, rgb), bool(np.isfinite(grid).all()),
-    )  # fmt: skip
+    cloud = make_message("sensor_msgs/PointCloud2")
+    cloud.header, (cloud.height, cloud.width) = header, grid.shape[:2]
+    names = "xyz" if rgb is None else ("x", "y", "z", "rgb")
+    for k, name in enumerate(names):
+        field = make_message("sensor_msgs/PointField")
+        field.name, field.offset, field.datatype, field.count = name, 4 * k, _FLOAT32, 1
+        cloud.fields.append(field)
+    cloud.point_step, cloud.row_step = _POINT.itemsize, _POINT.itemsize * cloud.width
+    cloud.data = bytes_like(cloud.data, cloud_rows(grid, rgb))
+    cloud.is_dense = bool(np.isfinite(grid).all())
+    return cloud
 
 
 def cloud_rows(points: NDArray[np.floating[Any]], rgb: NDArray[np.uint8] | None) -> bytes:

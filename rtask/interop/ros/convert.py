@@ -6,6 +6,7 @@ generated from. A field that was left out in a message is left out in the reques
 
 from __future__ import annotations
 
+import array
 import base64
 import importlib
 import json
@@ -22,12 +23,14 @@ __all__ = [
     "JsonObject",
     "Make",
     "Pack",
+    "bytes_like",
     "fill",
     "make_message",
     "mapping_of",
     "members_of",
     "raw_mapping",
     "stamp_json",
+    "time_like",
     "time_of",
 ]
 
@@ -64,6 +67,14 @@ def _plain_type(type_: str) -> str:
     base, size = (type_, "") if listed is None else (listed[1] or listed[2], listed[3] or "[]")
     base = base.partition("<")[0]  # string<256>
     return f"{_STAMPS.get(base) or _IDL.get(base, base)}{size}"
+
+
+def bytes_like(field: Any, data: bytes) -> Any:
+    """Return bytes as the ``uint8[]`` of a new message has them: of ROS 1 or of ROS 2.
+
+    genpy has bytes; rosidl takes an array whole, and checks anything else byte by byte.
+    """
+    return array.array("B", data) if isinstance(field, array.array) else data
 
 
 def time_of(stamp: Any) -> tuple[int, int]:
@@ -248,7 +259,7 @@ def fill(message: Any, data: Mapping[str, Any], make: Make) -> Any:
         elif is_list:
             setattr(message, name, _numbers(value, base))
         elif base in ("time", "duration"):
-            setattr(message, name, _time(old, int(value["secs"]), int(value["nsecs"])))
+            setattr(message, name, time_like(old, int(value["secs"]), int(value["nsecs"])))
         elif "/" in base:
             fill(old, value, make)
         else:
@@ -256,7 +267,8 @@ def fill(message: Any, data: Mapping[str, Any], make: Make) -> Any:
     return message
 
 
-def _time(old: Any, secs: int, nsecs: int) -> Any:
+def time_like(old: Any, secs: int, nsecs: int) -> Any:
+    """Return a time of the kind of another, of ROS 1 or ROS 2."""
     if hasattr(old, "nanosec"):
         return type(old)(sec=secs, nanosec=nsecs)
     return type(old)(secs, nsecs)

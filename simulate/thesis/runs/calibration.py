@@ -26,22 +26,22 @@ def calibration(setting: Setting) -> Result:
     postures = 12
     rng = np.random.default_rng([setting.seed, 0xB0A2D])
     pictures = [_picture(rng) for _ in range(postures)]
-    found = estimate_lens(pictures, _BOARD)
-    camera = found.lens.intrinsics
-    focal, centre = found.focal_error_px, found.centre_error_px
+    estimate = estimate_lens(pictures, _BOARD)
+    camera = estimate.lens.intrinsics
+    focal, centre = estimate.focal_error_px, estimate.centre_error_px
     return Result(
         (
             _about("focal length across, of 525 px", camera.fx, focal),
             _about("focal length down, of 525 px", camera.fy, focal),
             _about("principal point across, of 319.5 px", camera.cx, centre),
             _about("principal point down, of 239.5 px", camera.cy, centre),
-            Compared("corners about their places, root mean square", found.reprojection_px,
+            Compared("corners about their places, root mean square", estimate.reprojection_px,
                      unit="px"),
         ),
         (
             "the thesis shows a picture before and after, and gives no figures",
-            f"{len(found.poses)} of {postures} pictures used, drawn without distortion, with noise "
-            f"of {_NOISE:g} of 255",
+            f"{len(estimate.poses)} of {postures} pictures used, drawn without distortion, with "
+            f"noise of {_NOISE:g} of 255",
         ),
         {"a posture of the board": png(np.dstack([pictures[0]] * 3))},
     )  # fmt: skip

@@ -39,9 +39,9 @@ def live(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     ``returns`` of the episodes, ``steps`` in all, ``cpu_s``, and the number of the ``way``.
     """
     way, life = divmod(number, settings["lives"])
-    name, delay, is_told = settings["ways"][way]
+    name, delay, is_announced = settings["ways"][way]
     seed = settings["seed"] + life
-    world = DelayedActions(TwoRooms(), delay, is_told)
+    world = DelayedActions(TwoRooms(), delay, is_announced)
     world.reset(seed=1000 + seed)
     learner = _MAKERS[name](world.bins(TwoRooms.bins()), 4, seed=seed)
     began = time.process_time()
@@ -95,15 +95,15 @@ def actuator_delay(setting: Setting) -> Result:
     lives = setting.size(20, 3)
     names = ("Dyna", "Q-learning") if setting.fast else ("TEXPLORE", "Dyna", "Q-learning")
     ways: list[list[Any]] = [
-        [name, delay, is_told]
+        [name, delay, is_announced]
         for name in names
-        for delay, is_told in ((0, False), (_DELAY, True), (_DELAY, False))
+        for delay, is_announced in ((0, False), (_DELAY, True), (_DELAY, False))
     ]
     results = setting.trials(_study("learners with late actuators", setting, lives, ways))
     rows, curves = [], {}
-    for way, (name, delay, is_told) in enumerate(ways):
+    for way, (name, delay, is_announced) in enumerate(ways):
         mine = [result for result in results if result["way"] == way]
-        what = f"{name}, {'told of' if is_told else 'not told of'} a delay of {delay} steps"
+        what = f"{name}, {'told of' if is_announced else 'not told of'} a delay of {delay} steps"
         what = what if delay else f"{name}, no delay"
         rows.append(_late(mine, what))
         curves[what] = np.mean([r["returns"] for r in mine], axis=0)

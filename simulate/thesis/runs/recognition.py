@@ -196,8 +196,8 @@ def curves(setting: Setting) -> Result:
     study = Study("recall by share of stored views", "simulate.thesis.runs.recognition:ask_share",
                   settings, len(_SHARES))  # fmt: skip
     asked = setting.trials(study)
-    recall = [one["right"] / one["n"] for one in asked]
-    false = [one["wrong"] / one["n"] for one in asked]
+    recall = [row["right"] / row["n"] for row in asked]
+    false = [row["wrong"] / row["n"] for row in asked]
     third = asked[_SHARES.index(0.35)]
     rows = (
         share_of("recall with 35 % stored", third["right"], third["n"], 0.90, better="higher",

@@ -63,7 +63,7 @@ _OF_FILES = {
 # What prints nothing but a file in a format of its own or the output of a script of the user, or
 # talks until it is interrupted.
 _WITHOUT_JSON = {
-    "help", "serve", "act-serve", "urdf", "changes", "mcp", "node", "ros", "run",
+    "help", "serve", "act-serve", "urdf", "changes", "mcp", "node", "ros", "ros2", "run",
     "call",  # of ROS 2: prints JSON anyhow
 }  # fmt: skip
 

@@ -255,8 +255,8 @@ def test_a_robot_that_is_not_there_is_said_in_one_line():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "one of both"),
-        (["--naoqi", "tcp://h:1", "--rosbridge", "ws://h:1"], "one of both"),
+        ([], "expected one of"),
+        (["--naoqi", "tcp://h:1", "--rosbridge", "ws://h:1"], "expected one of"),
         (["--rosbridge", "ws://h:1", "--grasp"], "only --naoqi does"),
     ],
 )

@@ -92,6 +92,7 @@ def test_a_robot_that_there_is_not_starts_no_trial(tmp_path: Path) -> None:
     assert not folder.exists()
 
 
+@pytest.mark.deep
 def test_the_study_of_hands_compares_one_view_with_the_mesh(tmp_path: Path) -> None:
     asked = ("hands", "--hand", "three", "--objects", "1", "--seed", "2611", "--workers", "1")
     summary = _told(*asked, "--out", str(tmp_path / "out"))

@@ -43,7 +43,7 @@ _WITHOUT = {
         thesis show""",
     "runs until it is interrupted, or as long as a program of the user": """
         mcp, worker, ros node, ros2 node, ros2 dds serve, service run, simulate act-serve,
-        simulate ros""",
+        simulate ros, simulate ros2""",
 }
 """Commands without the option, by the reason."""
 _DATA = f"""

@@ -59,8 +59,9 @@ _TICKS = """
 from types import SimpleNamespace
 from rtask.interop.ros.find import use_ros
 use_ros()
-import rospy, tf2_ros
+import rospy
 from simulate.robots import describe
+from simulate.ros.rospy_front import RospyFront
 from simulate.ros.sensors import Rates, Sensors
 
 published = {}
@@ -74,13 +75,12 @@ class Publisher:
         return 1
 
 rospy.Publisher = Publisher
-tf2_ros.StaticTransformBroadcaster = lambda: SimpleNamespace(sendTransform=lambda made: None)
 Sensors._publish_frame = lambda self, stamp: frames.append(stamp)
 frames, nao = [], describe("nao")
 world = SimpleNamespace(time=0.0, client=SimpleNamespace(ER_TINY_RENDERER=0))
 joints = {joint.name: 0.0 for joint in nao.moving_joints()}
 robot = SimpleNamespace(description=nao, world=world, joint_values=lambda: joints)
-sensors = Sensors(robot, Rates(joints_hz=20.0, frames_hz=5.0), is_clock=True)
+sensors = Sensors(RospyFront(), robot, Rates(joints_hz=20.0, frames_hz=5.0), is_clock=True)
 for step in range(100):
     world.time = 0.01 * step
     sensors.tick()

@@ -1,0 +1,136 @@
+"""A simulated arm and its sensors in ROS 2, over a stand-in for rclpy."""
+
+from __future__ import annotations
+
+import queue
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rtask.cli.ros.schema import engine_schema
+from rtask.errors import RobotError
+from simulate.act.service import ActService
+from simulate.drivers.rclpy_arm import RclpyArm
+from simulate.grasping.executor import Workcell
+from simulate.motion.trajectory import time_path
+from simulate.robots import describe
+from simulate.ros.body import RosBody
+from simulate.ros.rclpy_front import RclpyFront
+from simulate.ros.sensors import Rates
+from tests.rtask.ros2.standin import Clock, Publisher, World, install
+
+pytest.importorskip("rosbags")
+
+ARM = describe("panda").arm("panda_arm")
+ACTION = "panda_arm_controller/follow_joint_trajectory"
+WAIT_S = 20.0
+
+
+@pytest.fixture(scope="module")
+def world() -> Iterator[World]:
+    """A Panda whose physics runs in a thread of its own."""
+    made = World(engine_schema())
+    with pytest.MonkeyPatch.context() as patch:
+        install(made, lambda name, module: patch.setitem(sys.modules, name, module))
+        patch.setattr(Clock, "now", lambda self: SimpleNamespace(nanoseconds=time.time_ns()))
+        patch.setattr(Publisher, "publish", _pass_on(made))
+        node = sys.modules["rclpy.lifecycle"].LifecycleNode("body")
+        ready, ended = threading.Event(), threading.Event()
+
+        def live() -> None:
+            with Workcell("panda", preset="fast") as cell:
+                body = RosBody(RclpyFront(node), ActService(cell), Rates(50.0, 2.0))
+                ready.set()
+                body.run(ended.is_set)
+
+        thread = threading.Thread(target=live)
+        thread.start()
+        assert ready.wait(60.0)
+        yield made
+        ended.set()
+        thread.join(60.0)
+
+
+def _pass_on(world: World) -> Any:
+    """Return a publisher's method that hands messages to whoever subscribed."""
+
+    def publish(publisher: Publisher, message: Any) -> None:
+        publisher.messages.put(message)
+        topics = [name for name, made in world.publishers.items() if made is publisher]
+        for topic in topics:
+            for take in world.subscriptions.get(topic, ()):
+                take(message)
+
+    return publish
+
+
+@pytest.fixture
+def arm(world: World) -> RclpyArm:
+    node = sys.modules["rclpy.lifecycle"].LifecycleNode("reach")
+    return RclpyArm(node, ACTION, ARM.joints)
+
+
+def way(to: float) -> Any:
+    home = np.array(ARM.home)
+    return time_path(np.stack([home, home + np.eye(7)[6] * to]), np.full(7, 0.8))
+
+
+def test_the_arm_follows_goals_of_ros_2_and_a_goal_missed_is_told_with_its_code(arm):
+    arm.follow(way(0.2))
+    np.testing.assert_allclose(arm.measured(), way(0.2).positions[-1], atol=0.02)
+    back = way(0.2)
+    arm.follow(time_path(back.positions[::-1], np.full(7, 0.8)))
+    with pytest.raises(RobotError, match="ended with -5: panda_joint7 ended"):
+        arm.follow(way(4.0))
+
+
+def test_a_newer_goal_ends_its_predecessor_and_a_cancelled_one_stops(world):
+    goal = {"trajectory": _slow(world)}
+    first, second = (world.actions[ACTION].send(**goal) for _ in range(2))
+    assert first.ended.wait(WAIT_S)
+    assert (first.status, first.result.error_code) == ("aborted", 0)
+    second.is_cancel_requested = True
+    assert second.ended.wait(WAIT_S)
+    assert second.status == "canceled"
+
+
+def _slow(world: World) -> Any:
+    made = world.types.make("trajectory_msgs/JointTrajectory")
+    point = world.types.make("trajectory_msgs/JointTrajectoryPoint")
+    made.joint_names, point.positions = list(ARM.joints), list(ARM.home)
+    point.time_from_start.secs = 60
+    made.points = [point]
+    return made
+
+
+def test_joints_transforms_and_views_have_one_stamp_and_the_frames_of_the_robot(world):
+    cloud = world.publishers["camera/depth_registered/points"]
+    cloud.listeners = 1
+    message = cloud.messages.get(timeout=WAIT_S)
+    cloud.listeners = 0
+    assert message.header.frame_id == next(iter(describe("panda").cameras.values())).frame_id
+    assert len(message.data) == message.row_step * message.height
+    stamp = (message.header.stamp.secs, message.header.stamp.nsecs)
+    stamps = []
+    transforms = world.publishers["/tf"].messages
+    while True:
+        try:
+            header = transforms.get_nowait().transforms[0].header
+        except queue.Empty:
+            break
+        stamps.append((header.stamp.secs, header.stamp.nsecs))
+    assert stamp in stamps, "where the camera is at the time of the view"
+    assert len(set(stamps)) == len(stamps), "each stamp once"
+    assert world.publishers["/tf_static"].messages.qsize() == 1
+
+
+def test_the_act_service_answers_and_says_what_it_refuses(world):
+    answer = world.call("act", action_type="home")
+    assert answer.success == 1, answer.reason
+    assert "dance" in world.call("act", action_type="dance").reason
