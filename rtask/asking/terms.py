@@ -184,6 +184,24 @@ class Reader:
             raise UsageError(f"expected an IRI, a prefixed name or a name in quotes, not {text!r}")
         return term_read
 
+    def mentioned(self, text: str) -> NamedNode:
+        """Return the IRI of what the graph speaks of, given in any form.
+
+        Raises
+        ------
+        UsageError
+            As :meth:`resource`.
+        UnknownTermError
+            As :meth:`resource`, or no statement mentions it: a question about it would find
+            nothing, whatever the graph holds.
+        """
+        term_read = self.resource(text)
+        if not self.is_used(term_read):
+            raise UnknownTermError(
+                f"no statement mentions {text} ({term_read}); `rtask search` looks for words"
+            )
+        return term_read
+
     def thing(self, name: str) -> NamedNode:
         """Return what has a name.
 

@@ -106,6 +106,8 @@ def history(
             about, graph=within, agent=agent, since=since, upto=upto, start=start, end=end
         )
         kept_from = kb.feed.oldest_retained()
+        if about is not None and not entries and kept_from <= 1:
+            reader.mentioned(subject or "")  # no commit ever spoke of what nothing mentions
     if since + 1 < kept_from:
         gone = f"commits {since + 1} to {kept_from - 1} are no longer kept"
         click.echo(f"{gone}: what they changed is not known", err=True)

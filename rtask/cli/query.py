@@ -335,7 +335,7 @@ def search(
     from rtask.knowledge_base import KnowledgeBase
 
     with open_graph(data, server) as kb:
-        class_iri = None if cls is None else reader_at(kb).resource(cls)
+        class_iri = None if cls is None else reader_at(kb).mentioned(cls)
         if not isinstance(kb, KnowledgeBase):
             rows = _search_server(kb, " ".join(words), class_iri, lang)
         else:

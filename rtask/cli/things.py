@@ -140,7 +140,14 @@ SELECT DISTINCT ?thing {{
   ?thing rt:name|rdfs:label ?name FILTER(STR(?name) = {literal(name)}) }}""")
         return sorted(str(row["thing"]) for row in rows.to_dicts())
 
-    return Reader(base_of(graph), named)
+    def is_used(term: NamedNode) -> bool:
+        rows = graph.select(
+            f"SELECT * {{ {{ {term} ?p ?o }} UNION {{ ?s {term} ?o }} UNION {{ ?s ?p {term} }} "
+            f"UNION {{ GRAPH {term} {{ ?s ?p ?o }} }} }} LIMIT 1"
+        )
+        return bool(rows.to_dicts())
+
+    return Reader(base_of(graph), named, is_used=is_used)
 
 
 def _reader(select: Select, name: str) -> Reader:

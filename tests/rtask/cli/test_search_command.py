@@ -27,6 +27,16 @@ def test_search_prints_what_fits(tmp_path: Path) -> None:
     assert german.output == "nothing found\n"
 
 
+def test_a_class_that_nothing_mentions_is_an_error_and_not_an_empty_answer(tmp_path: Path) -> None:
+    with rtask.open(tmp_path / "kb", ontologies=False, reason=False) as kb:
+        kb.update("INSERT DATA { <urn:cup> a <urn:Cup> ; <urn:named> 'red' }")
+    options = ["--data", str(tmp_path / "kb")]
+    done = CliRunner().invoke(cli, ["search", "red", "--class", "urn:Cups", *options])
+    assert "no statement mentions urn:Cups" in str(done.exception)
+    other = CliRunner().invoke(cli, ["search", "blue", "--class", "urn:Cup", *options])
+    assert (other.exit_code, other.output) == (1, "nothing found\n")
+
+
 @pytest.mark.slow
 def test_a_query_ends_at_its_deadline(tmp_path: Path) -> None:
     with rtask.open(tmp_path / "kb", ontologies=False, reason=False) as kb, kb.transaction() as tx:
