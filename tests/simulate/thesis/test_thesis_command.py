@@ -145,14 +145,3 @@ def test_the_report_holds_figures_notes_pictures_and_reasons(tmp_path: Path) -> 
     assert worse < written.index("| kehoe-fig-3.9 | a<b |") < written.index("## Kehoe 2014")
     assert "a<b: tolerance 0.01: few" in written
     assert (tmp_path / "images" / "theses" / "kehoe-fig-3.9.svg").exists()
-
-
-@pytest.mark.deep
-@pytest.mark.timeout(1200)
-@pytest.mark.parametrize("run", sorted({entry.run for entry in registry.ENTRIES if entry.run}))
-def test_every_run_gives_figures_or_pictures_in_its_fast_form(run: str) -> None:
-    entry = next(entry for entry in registry.ENTRIES if entry.run == run)
-    result = entry.call(Setting(fast=True, seed=0))
-    assert result.rows or result.pictures
-    if entry.state == "compared":
-        assert any(row.theirs is not None for row in result.rows)
