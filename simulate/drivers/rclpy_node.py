@@ -38,7 +38,7 @@ def ros2_node(name: str, arguments: str = "", threads: int = 2) -> Iterator[Any]
     Raises
     ------
     UsageError
-        There is no rclpy here, or ROS refuses the arguments.
+        There is no rclpy here, or ROS does not start, as with arguments that it refuses.
     """
     try:
         import rclpy
@@ -53,8 +53,8 @@ def ros2_node(name: str, arguments: str = "", threads: int = 2) -> Iterator[Any]
     try:
         # Ctrl-C has to reach whoever waits for the arm, which then stops it.
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:
-        raise UsageError(f"ROS refuses {arguments!r}: {error}") from error
+    except Exception as error:  # the errors of rcl and of each middleware share no other base
+        raise UsageError(f"ROS does not start with {arguments!r}: {error}") from error
     try:
         node = rclpy.create_node(name)
         executor = MultiThreadedExecutor(num_threads=threads)

@@ -159,6 +159,25 @@ def summarise_demos(results: Sequence[Mapping[str, Any]], max_attempts: int) -> 
         "fewer": sum(sum(change) < 0 for change in changes),
         "many_more": sum(sum(change) > _TOLERATED for change in changes),
         "lessons": {"won": won, "recalled": recalled, "followed": followed},
+        "robots": [
+            _over_tables(robots, max_attempts)
+            for robots in zip(*(demo["robots"] for demo in demos), strict=True)
+        ],
+    }
+
+
+def _over_tables(robots: Sequence[Mapping[str, Any]], cap: int) -> dict[str, Any]:
+    """Return the figures of one robot over all tables; a pair is with the graph and without."""
+    changes = [sum(with_it - alone for with_it, alone in robot["pairs"]) for robot in robots]
+    pairs = [pair for robot in robots for pair in robot["pairs"]]
+    return {
+        "robot": robots[0]["robot"],
+        "attempts": [_mean([pair[k] for pair in pairs]) for k in (0, 1)],
+        "first_try": [_mean([pair[k] == 1 for pair in pairs]) for k in (0, 1)],
+        "never": [sum(pair[k] > cap for pair in pairs) for k in (0, 1)],
+        "fewer": sum(change < 0 for change in changes),
+        "more": sum(change > 0 for change in changes),
+        "many_more": sum(change > _TOLERATED for change in changes),
     }
 
 
@@ -256,6 +275,20 @@ def _robot_words(robot: Mapping[str, Any]) -> str:
     return f"{robot['robot']} {with_it}, alone {alone}"
 
 
+def _over_tables_words(robot: Mapping[str, Any]) -> str:
+    if None in robot["attempts"]:
+        return f"{robot['robot']}: no product was tried both ways"
+    with_it, alone = robot["attempts"]
+    first_with, first_alone = robot["first_try"]
+    return (
+        f"{robot['robot']}: {with_it:.2f} attempts with the graph, {alone:.2f} without; "
+        f"first tries that held {first_with:.2f} and {first_alone:.2f}; "
+        f"fewer attempts in {robot['fewer']} demos, more in {robot['more']}, "
+        f"of these more than {_TOLERATED} more in {robot['many_more']}; never delivered "
+        f"{robot['never'][0]} and {robot['never'][1]}"
+    )
+
+
 def demo_words(summary: Mapping[str, Any]) -> list[str]:
     """Return what the demos show together, a sentence a line."""
     lessons, demos, change = summary["lessons"], len(summary["demos"]), summary["change"]
@@ -272,6 +305,7 @@ def demo_words(summary: Mapping[str, Any]) -> list[str]:
         f"{summary['many_more']}",
         f"lessons recalled {lessons['recalled']} of {lessons['won']} won, and "
         f"{lessons['followed']} followed by a grasp of the robot's own at the same place",
+        *map(_over_tables_words, summary["robots"]),
     ]
 
 

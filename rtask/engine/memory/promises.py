@@ -30,7 +30,7 @@ SCORES: Mapping[str, NamedNode] = {
 
 _LOST_ON_THE_WAY = reason("slip_transport")
 _TRUSTED = 0.5
-"""Reports of robots that count less than this say nothing here, where an outcome counts or not."""
+"""Reports that count less than this are left out: here an outcome counts in whole or not at all."""
 
 _SCORED = """?grasp rt:hasEvaluation ?evaluation . ?evaluation rt:liftScore ?lift ;
     rt:carryScore ?carry OPTIONAL { ?evaluation rt:loadShare ?load }"""

@@ -148,13 +148,19 @@ class Branching(Writing):
             self.close_branch(name)
 
     def blobs_of_branches(self) -> set[str]:
-        """Return the digests of the blobs that only branches name, or a state that they rest on."""
+        """Return the digests of the blobs that only branches name, or a state that they rest on.
+
+        Raises
+        ------
+        StoreFormatError
+            The record of a branch is damaged, so nobody knows what it names.
+        """
         folder = self._files.folder
         if folder is None or not (folder / "branches").is_dir():
             return set()
         quads = [
             quad
-            for record in self.branches()
+            for record in self.branch_register.records(is_whole=True)
             for quad in self.open_branch(record.name).touched_quads()
         ]
         terms = (term for quad in quads for term in (quad.subject, quad.object))

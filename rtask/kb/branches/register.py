@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime as dt
 import logging
 import secrets
@@ -49,16 +48,32 @@ class BranchRegister:
         self.clock: Callable[[], dt.datetime] = _now
         self.lock = threading.RLock()
 
-    def records(self) -> list[BranchRecord]:
-        """Return the branches, the oldest first, and remove those that have expired."""
+    def records(self, is_whole: bool = False) -> list[BranchRecord]:
+        """Return the branches, the oldest first, and remove those that have expired.
+
+        Parameters
+        ----------
+        is_whole
+            Whether every branch counts; otherwise one with a damaged record is left out, with a
+            warning.
+
+        Raises
+        ------
+        StoreFormatError
+            A record is damaged, and every branch counts.
+        """
         home = home_of(self._files)
         records = []
         with self.lock:
             for folder in home.iterdir() if home.is_dir() else ():
                 if folder.suffix == ".draft":
                     continue
-                with contextlib.suppress(StoreFormatError):
+                try:
                     records.append(BranchRecord.load(folder))
+                except StoreFormatError as error:
+                    if is_whole:
+                        raise
+                    _log.warning("a branch is left out: %s", error)
             now, trunk = self.clock(), self._files.settings.epoch
             for record in records:
                 if record.expires <= now or record.trunk != trunk:

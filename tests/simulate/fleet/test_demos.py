@@ -128,6 +128,11 @@ def test_attempts_are_paired_by_product_and_what_only_one_tried_is_left_out(
     )  # fmt: skip
     assert len(demo_rows(summary)[1]) == len(COLUMNS)
     assert "+0.75 [-1.50, +3.00] over 4 products" in demo_words(summary)[0]
+    assert demo_words(summary)[-1] == (
+        "nao-2: 2.50 attempts with the graph, 1.75 without; first tries that held 0.75 and 0.50; "
+        "fewer attempts in 1 demos, more in 1, of these more than 2 more in 1; "
+        "never delivered 1 and 0"
+    )
     study = demo_study(2, 3, 2, 7, "fragile", (), 6, "fast")
     report = study.describe([better, worse], study.settings, tmp_path)
     assert report.figures["change"] == summary["change"]

@@ -20,6 +20,7 @@ from rtask.errors import (
     ForbiddenError,
     InconsistentError,
     QueueFullError,
+    StoreFormatError,
     TooMuchFollowsError,
     UnknownTermError,
     UnsupportedError,
@@ -381,6 +382,21 @@ def test_blobs_of_a_branch_are_kept(kb: KnowledgeBase) -> None:
     assert kb.blobs.has(named)
     assert not kb.blobs.has(idle)
     branch.merge()
+    assert kb.blobs.has(named)
+
+
+def test_no_blob_goes_while_a_branch_cannot_be_read(
+    kb: KnowledgeBase, caplog: pytest.LogCaptureFixture
+) -> None:
+    with kb.branch("torn") as branch, branch.graph.transaction() as tx:
+        named = tx.blob(b"of the branch", "text/plain")
+    kb.branch("whole").close()
+    assert kb.folder is not None
+    (kb.folder / "branches" / "torn" / "branch.json").write_text("{", "utf-8")
+    assert [record.name for record in kb.branches()] == ["whole"]
+    assert "torn" in caplog.text
+    with pytest.raises(StoreFormatError, match="torn"):
+        kb.collect_blobs(0.0)
     assert kb.blobs.has(named)
 
 
