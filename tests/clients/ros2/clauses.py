@@ -139,7 +139,8 @@ def _(shell):
     )
     assert (status, result.refused, result.status) == (SUCCEEDED, "", "ok"), result
     shell.seen = result
-    assert sorted(entry.name for entry in result.objects) == ["soap", "tea"]
+    answered = [(entry.name, entry.error) for entry in result.objects]
+    assert sorted(answered) == [("soap", ""), ("tea", "")], answered
     assert {entry.header.stamp.sec for entry in result.objects} == {100}
     assert {entry.header.frame_id for entry in result.objects} == {"base_footprint"}
     assert all(abs(entry.pose.position.z - 0.30) < 0.02 for entry in result.objects)

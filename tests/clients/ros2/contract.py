@@ -33,7 +33,7 @@ def about():
     from rclpy.utilities import get_rmw_implementation_identifier
 
     version = ""
-    for name in ("rclpy", "ros-rclpy"):
+    for name in ("ros-rclpy", "rclpy"):
         with contextlib.suppress(metadata.PackageNotFoundError):
             version = version or metadata.version(name)
     distribution = os.environ.get("ROS_DISTRO", "an unnamed ROS 2")

@@ -37,6 +37,7 @@ class Program:
         self.process = subprocess.Popen(
             command, env={**(environment or os.environ), "PYTHONUNBUFFERED": "1"},
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT,
+            start_new_session=True,
         )  # fmt: skip
         Program.started.append(self)
         self.lines, self.all = queue.Queue(), []
@@ -62,12 +63,16 @@ class Program:
                 return found
 
     def end(self, number=signal.SIGTERM):
-        if self.process.poll() is None:
-            self.process.send_signal(number)
+        """Send a signal to the program and its children, as a terminal does; return its code.
+
+        `ros2 run` starts the node as a child and hands no signal on.
+        """
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, number)
         try:
             return self.process.wait(20)
         except subprocess.TimeoutExpired:
-            self.process.kill()
+            os.killpg(self.process.pid, signal.SIGKILL)
             raise
 
 
@@ -98,7 +103,7 @@ class Shell:
     def start_node(self, *options, ros=(), ready="ready", namespace=NAMESPACE):
         command = self.options.node.split()
         node = Program([
-            *command, "--server", self.url, "--timeout", "20", *options, "--ros-args",
+            *command, "--server", self.url, "--timeout", "60", *options, "--ros-args",
             "-r", f"__ns:={namespace}", "-r", "~/points:=/camera/points",
             "-r", "~/depth:=/camera/depth", "-r", "~/image:=/camera/image",
             "-r", "~/camera_info:=/camera/camera_info", *ros,

@@ -184,6 +184,9 @@ class Future:
         for call in self._calls:
             call(self)
 
+    def done(self) -> bool:
+        return self._is_done.is_set()
+
     def result(self) -> Any:
         return self._value
 

@@ -25,6 +25,7 @@ _OTHERS = ("moveit_msgs", "object_recognition_msgs", "octomap_msgs", "shape_msgs
 _STAMPS = {"builtin_interfaces/msg/Time": "time", "builtin_interfaces/msg/Duration": "duration"}
 _FILLER = "structure_needs_at_least_one_member"
 _EVENT = "service_msgs/msg/ServiceEventInfo"
+_UUID = "unique_identifier_msgs/msg/UUID"
 
 
 def full_type(type_: str) -> str:
@@ -70,6 +71,10 @@ class RosTypes:
         self.store.fielddefs[_EVENT] = ([], [(n, _without_char(d)) for n, d in event])
         for path, text in _definitions(schema):
             self.add_message(path, text)
+        if schema is not None:
+            for path, text in definitions_of(PACKAGE).items():
+                if path.startswith("action/"):
+                    self.add_action(f"{PACKAGE}/{path.removesuffix('.action')}", text)
 
     def add_message(self, type_: str, text: str) -> None:
         """Register a message, ``package/msg/Name``, unless it is known."""
@@ -81,8 +86,49 @@ class RosTypes:
         for half, part in zip(("Request", "Response"), text.split("---\n"), strict=True):
             self._register(f"{type_}_{half}", part)
 
+    def add_action(self, type_: str, text: str) -> None:
+        """Register an action, ``rtask_msgs/action/See``, and what rosidl derives from it."""
+        for name, part in zip(("Goal", "Result", "Feedback"), text.split("---\n"), strict=True):
+            self._register(f"{type_}_{name}", part)
+
+        def named(name: str) -> Any:
+            return Nodetype.NAME, f"{type_}_{name}"
+
+        goal_id = ("goal_id", (Nodetype.NAME, _UUID))
+        derived: dict[str, list[tuple[str, Any]]] = {
+            "SendGoal_Request": [goal_id, ("goal", named("Goal"))],
+            "SendGoal_Response": [
+                ("accepted", (Nodetype.BASE, ("bool", 0))),
+                ("stamp", (Nodetype.NAME, "builtin_interfaces/msg/Time")),
+            ],
+            "GetResult_Request": [goal_id],
+            "GetResult_Response": [
+                ("status", (Nodetype.BASE, ("int8", 0))),
+                ("result", named("Result")),
+            ],
+            "FeedbackMessage": [goal_id, ("feedback", named("Feedback"))],
+        }
+        # Not by register(), which cannot name types of actions; they are hashed, never sent.
+        defs: Any = self.store.fielddefs
+        for name, fields in derived.items():
+            defs[f"{type_}_{name}"] = ([], fields)
+        services = {"send_goal_service": "SendGoal", "get_result_service": "GetResult"}
+        for service in services.values():
+            self._add_event(f"{type_}_{service}")
+        parts = {"goal": "Goal", "result": "Result", "feedback": "Feedback", **services}
+        parts["feedback_message"] = "FeedbackMessage"
+        defs[type_] = ([], [(field, named(name)) for field, name in parts.items()])
+
+    def hashes(self, package: str = PACKAGE) -> dict[str, str]:
+        """Return the RIHS01 hash of each type of a package by its name, in ROS's order of names."""
+        for type_ in list(self.store.fielddefs):
+            if type_.startswith(f"{package}/srv/") and type_.endswith("_Request"):
+                self.hash(type_.removesuffix("_Request"))
+        own = sorted(name for name in self.store.fielddefs if name.startswith(f"{package}/"))
+        return {type_: self.hash(type_) for type_ in own}
+
     def hash(self, type_: str) -> str:
-        """Return the RIHS01 hash of a message or of a service, ``package/srv/Name``.
+        """Return the RIHS01 hash of a message, service or action: ``package/srv/Name``.
 
         Raises
         ------

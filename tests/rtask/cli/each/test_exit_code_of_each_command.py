@@ -40,7 +40,7 @@ _CALLS = {
 """Arguments of a call that is right where there is a graph."""
 _RUNNING = {
     "demo", "serve", "simulate act-serve", "simulate fetch", "ros node", "ros2 dds serve", "mcp",
-    "worker", "doctor", "ros doctor",
+    "worker", "doctor", "ros doctor", "ros2 doctor",
 }  # fmt: skip
 """Commands that wait for others, or whose report is about what cannot be reached."""
 _MAKING = {"load", "rules add", "teach", "token create", "update", "episodes import"}

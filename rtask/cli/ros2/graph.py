@@ -1,0 +1,151 @@
+"""The running graph of ROS 2: what a survey by the Python of ROS 2 has found."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rtask.cli.doctor import Finding
+from rtask.cli.ros2.environment import Sourced, python_names
+from rtask.ros2 import survey as survey_program
+
+__all__ = ["examine_graph", "take_survey"]
+
+_STARTS_S = 40.0
+_Survey = dict[str, Any]
+
+
+def take_survey(ros: Sourced, domain: int, wait_s: float) -> _Survey:
+    """Return what the first Python that has rclpy sees; ``error`` says why none does.
+
+    Parameters
+    ----------
+    wait_s
+        Time for the discovery of others, s.
+    """
+    environment = {**ros.variables, "ROS_DOMAIN_ID": str(domain)}
+    program = Path(survey_program.__file__).read_text("utf-8")
+    errors = {}
+    for name in (sys.executable, *python_names(ros)):
+        file = shutil.which(name)
+        if file is None or name in errors:
+            continue
+        try:
+            done = subprocess.run(
+                [file, "-c", program, str(wait_s)], capture_output=True, text=True, check=False,
+                timeout=wait_s + _STARTS_S, env=environment,
+            )  # fmt: skip
+            found: _Survey = json.loads(done.stdout.strip().rpartition("\n")[2])
+        except subprocess.TimeoutExpired:
+            return {"error": f"{name}: rclpy gave no answer within {wait_s + _STARTS_S:g} s"}
+        except ValueError:
+            last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+            errors[name] = last
+            continue
+        if "error" not in found:
+            return found
+        errors[name] = found["error"]
+    return {"error": "; ".join(f"{name}: {error}" for name, error in errors.items())}
+
+
+def examine_graph(found: _Survey) -> Iterator[Finding]:
+    """Look at what a survey has found: the RMW, the nodes, their topics and their clock."""
+    if "error" in found:
+        yield Finding(
+            "rclpy", "broken", found["error"], "source the ROS 2 in the shell of this command"
+        )
+        return
+    yield Finding("rclpy", "ok", f"{found['rclpy']} in Python {found['python']}")
+    yield Finding("rmw", "ok", found["rmw"])
+    if not found["heard"]:
+        yield Finding(
+            "topics", "broken", "a message that was published was not heard on this machine",
+            "look for a firewall, and at the discovery above",
+        )  # fmt: skip
+        return
+    yield Finding("topics", "ok", "a message that was published was heard")
+    yield Finding("nodes", "ok", ", ".join(found["nodes"]) or "no other is seen")
+    if not found["ours"]:
+        yield Finding(
+            "rtask node", "note", "no node offers rtask/where_is",
+            "ros2 run rtask_ros2 node, with the domain and the discovery above",
+        )  # fmt: skip
+    yield from _rivals(found["ours"])
+    names = {node["name"] for node in found["ours"]}
+    for node in found["ours"]:
+        yield _state(node)
+        yield _camera(node)
+        yield _clock(node, found["clocks"])
+    for pair in found["mismatches"]:
+        is_ours = bool(names & {pair["publisher"], pair["subscriber"]})
+        words = f"{pair['subscriber']} does not hear {pair['publisher']} on {pair['topic']}"
+        yield Finding(
+            "qos", "broken" if is_ours else "note", f"{words}: {pair['reason']}",
+            "give both the same: `ros2 topic info -v` shows them",
+        )  # fmt: skip
+
+
+def _rivals(ours: list[_Survey]) -> Iterator[Finding]:
+    offered: dict[str, list[str]] = {}
+    for node in ours:
+        for service in node["services"]:
+            offered.setdefault(service, []).append(node["name"])
+    doubled = {service: names for service, names in offered.items() if len(names) > 1}
+    if doubled:
+        service, names = min(doubled.items())
+        words = f"{service} is offered by {' and '.join(names)}; calls reach both"
+        yield Finding(
+            "services", "broken", words,
+            "end one, or start it in a namespace: --ros-args -r __ns:=/robot",
+        )  # fmt: skip
+
+
+def _state(node: _Survey) -> Finding:
+    count = len(node["services"])
+    if node["state"] is None:
+        words = f"{node['name']} does not say its state; `rtask ros2 dds serve` has none"
+        return Finding("rtask node", "note", words)
+    if node["state"] != "active":
+        mend = "configure" if node["state"] == "unconfigured" else "activate"
+        return Finding(
+            "rtask node", "note", f"{node['name']} is {node['state']}: it refuses requests",
+            f"ros2 lifecycle set {node['name']} {mend}",
+        )  # fmt: skip
+    return Finding("rtask node", "ok", f"{node['name']} is active, with {count} services")
+
+
+def _camera(node: _Survey) -> Finding:
+    """Look whether anybody publishes a view for a node: clouds, or depth."""
+    topics = node["publishers"]
+    # After remapping a topic may have any name: all that are no part of the transforms count.
+    camera = {name: count for name, count in topics.items() if not _is_of_ros(name)}
+    heard = sorted(name for name, count in camera.items() if count)
+    if heard:
+        return Finding("camera", "ok", f"published for {node['name']}: {', '.join(heard)}")
+    return Finding(
+        "camera", "note", f"nobody publishes {' or '.join(sorted(camera)) or 'a view'}",
+        "start the camera, or the node with -r '~/points:=/camera/depth_registered/points'",
+    )  # fmt: skip
+
+
+def _is_of_ros(topic: str) -> bool:
+    return topic in ("/tf", "/tf_static", "/clock", "/parameter_events")
+
+
+def _clock(node: _Survey, publishers: int) -> Finding:
+    if node["use_sim_time"] and not publishers:
+        return Finding(
+            "clock", "broken", f"{node['name']} has use_sim_time, and nobody publishes /clock",
+            f"start the simulator, or ros2 param set {node['name']} use_sim_time false",
+        )  # fmt: skip
+    if publishers and not node["use_sim_time"]:
+        return Finding(
+            "clock", "note", f"/clock is published, and {node['name']} has the machine's clock",
+            "start it with --ros-args -p use_sim_time:=true",
+        )  # fmt: skip
+    return Finding("clock", "ok", "/clock" if publishers else "the clock of this machine")
