@@ -5,8 +5,10 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
+import os
 import queue
 import signal
+import subprocess
 import threading
 
 from tests.clients.ros2.programs import NAMESPACE, ROOT, WAIT_S, Program
@@ -327,6 +329,45 @@ def _(shell):
         ended.set()
 
 
+@clause("rtask ros2 doctor names the node and finds nothing of it broken; hashes agree")
+def _(shell):
+    token = {**os.environ, "RTASK_SERVER": shell.url}
+    done = subprocess.run(
+        [*shell.options.rtask.split(), "ros2", "doctor", "--json", "--wait", "1"], env=token,
+        capture_output=True, text=True, check=False, timeout=180,
+    )  # fmt: skip
+    assert done.stdout, done.stderr[-600:]
+    found = {entry["name"]: entry for entry in json.loads(done.stdout)}
+    judged = ("rclpy", "rmw", "topics", "rtask node", "camera", "clock", "server", "rtask_msgs")
+    details = {name: (found[name]["state"], found[name]["detail"]) for name in judged}
+    assert {state for state, _ in details.values()} == {"ok"}, details
+    assert f"{NAMESPACE}/rtask_node is active" in details["rtask node"][1]
+    assert "/camera/points" in details["camera"][1]
+    assert "qos" not in found, found["qos"]
+    return details["rtask_msgs"][1]
+
+
+@clause("rtask ros2 doctor tells which publisher the node does not hear")
+def _(shell):
+    from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+    from tf2_msgs.msg import TFMessage
+
+    policy = QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+    wrong = shell.robot.node.create_publisher(TFMessage, "/tf", policy)
+    try:
+        done = subprocess.run(
+            [*shell.options.rtask.split(), "ros2", "doctor", "--json", "--wait", "1"],
+            capture_output=True, text=True, check=False, timeout=180,
+        )  # fmt: skip
+        [found] = [entry for entry in json.loads(done.stdout) if entry["name"] == "qos"]
+        assert (done.returncode, found["state"]) == (1, "broken"), found
+        heard = f"{NAMESPACE}/rtask_node does not hear /contract_robot on /tf"
+        assert heard in found["detail"], found
+        return found["detail"].partition(": ")[2]
+    finally:
+        shell.robot.node.destroy_publisher(wrong)
+
+
 @clause("a report waits in the outbox while the server is gone, and is answered once it is back")
 def _(shell):
     shell.server.end(signal.SIGKILL)
@@ -338,12 +379,12 @@ def _(shell):
     threading.Thread(
         target=lambda: done.put(shell.robot.operation("report_outcome", **report)), daemon=True
     ).start()
-    answer = done.get(timeout=60)
+    answer = done.get(timeout=WAIT_S)
     assert "kept in" in answer.refused, answer.refused
     shell.start_server()
 
     outbox = shell.folder / "outbox"
-    shell.wait_for(lambda: not outbox.read_text(), "the answer of the server", 60.0)
+    shell.wait_for(lambda: not outbox.read_text(), "the answer of the server")
     refused = outbox.with_name("outbox.refused")
     assert not refused.exists(), refused.read_text()
 

@@ -19,7 +19,7 @@ from typing import ClassVar
 
 ROOT = Path(__file__).resolve().parents[3]
 NAMESPACE = "/nao1"
-WAIT_S = 30.0
+WAIT_S = 60.0
 
 
 def own_python():
@@ -103,7 +103,7 @@ class Shell:
     def start_node(self, *options, ros=(), ready="ready", namespace=NAMESPACE):
         command = self.options.node.split()
         node = Program([
-            *command, "--server", self.url, "--timeout", "60", *options, "--ros-args",
+            *command, "--server", self.url, "--timeout", "40", *options, "--ros-args",
             "-r", f"__ns:={namespace}", "-r", "~/points:=/camera/points",
             "-r", "~/depth:=/camera/depth", "-r", "~/image:=/camera/image",
             "-r", "~/camera_info:=/camera/camera_info", *ros,
