@@ -85,7 +85,7 @@ def _about(node: Any, spin: Callable[[float], None], name: str, space: str) -> d
     return {
         "name": full,
         "services": [service for service, _ in node.get_service_names_and_types_by_node(name, space)
-                     if "/rtask/" in service],
+                     if "/rtask/" in service and "/_action/" not in service],
         "use_sim_time": values.values[0].bool_value if values is not None else None,
         "state": state.current_state.label if state is not None else None,
         "publishers": {topic: node.count_publishers(topic) for topic, _ in heard},
