@@ -1,4 +1,4 @@
-"""The rules of axe-core on the recorded demo's pages, one of each kind, in both sizes and themes."""
+"""The rules of axe-core on the recorded demo, a page of each kind, both sizes and themes."""
 
 from __future__ import annotations
 

@@ -294,7 +294,7 @@ def test_no_robot_takes_the_branches_of_the_others(kb: KnowledgeBase) -> None:
     first, second = (Access(f"nao-{number}", "robot") for number in (1, 2))
     for number in range(MAX_OPEN_EACH):
         kb.branch(f"b{number}", access=first).close()
-    with pytest.raises(QueueFullError, match="nao-1 has 4 branches open.*'b0'"):
+    with pytest.raises(QueueFullError, match=r"nao-1 has 4 branches open.*'b0'"):
         kb.branch("more", access=first)
     kb.branch("other", access=second).close()
     kb.drop_branch("b2", access=first)
