@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 import rtask
 from simulate.demo.processes import Endpoint
+from simulate.thesis.materials.pictures import png
+from simulate.thesis.materials.products import SIX, STAND_INS, Turned, turned
 from simulate.thesis.result import Result, Setting, share_of
-from simulate.thesis.runs.pictures import png
-from simulate.thesis.runs.products import SIX, STAND_INS, Turned, turned
 
 __all__ = ["stored_images"]
 

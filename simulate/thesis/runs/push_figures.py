@@ -15,8 +15,8 @@ from grasp.push.polygon import filter_polygon
 from grasp.push.studies import elimination_outcome
 from grasp.push.tolerancing import near_vertices, quality_at
 from simulate.study.intervals import wilson
+from simulate.thesis.materials.outlines import CONFIGURATIONS, STAND_INS, plan, usual
 from simulate.thesis.result import Compared, Result, Setting
-from simulate.thesis.runs.outlines import CONFIGURATIONS, STAND_INS, plan, usual
 
 __all__ = [
     "best_grasps",
