@@ -93,10 +93,10 @@ class CollisionMatrix:
         Pairs of a new name with former ones stay what their defaults made them.
         """
         allowed = list(allowed)
-        kept = [name for name in self.names if name not in gone]
-        names = list(dict.fromkeys([*kept, *(name for pair in allowed for name in pair)]))
+        names_left = [name for name in self.names if name not in gone]
+        names = list(dict.fromkeys([*names_left, *(name for pair in allowed for name in pair)]))
         square = np.zeros((len(names), len(names)), dtype=np.bool_)
-        old = [self._places[name] for name in kept]
+        old = [self._places[name] for name in names_left]
         square[: len(old), : len(old)] = self._allowed[np.ix_(old, old)]
         for place, name in enumerate(names[len(old) :], start=len(old)):
             square[place] = square[:, place] = [self.allows(name, other) for other in names]

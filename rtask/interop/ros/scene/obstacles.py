@@ -147,15 +147,15 @@ class SceneObstacles:
         around = [part for part in close if not _is_same(part, box_from_robot, half)]
         if not around or most < 1:
             return []
-        found: Floats = np.zeros((0, 3))
+        cells: Floats = np.zeros((0, 3))
         for cell in _CELLS_M:
-            found = _cells(around, middle, reach, support_height, cell)
-            if len(found) <= most:
+            cells = _cells(around, middle, reach, support_height, cell)
+            if len(cells) <= most:
                 break
-        local = found @ box_from_robot[:3, :3].T + box_from_robot[:3, 3]
+        local = cells @ box_from_robot[:3, :3].T + box_from_robot[:3, 3]
         beside = np.linalg.norm(np.maximum(np.abs(local) - half, 0.0), axis=1)
         order = np.argsort(beside, kind="stable")[:most]
-        return [[round(float(v), 4) for v in point] for point in found[order]]
+        return [[round(float(v), 4) for v in point] for point in cells[order]]
 
 
 class _Frames:
