@@ -92,8 +92,8 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection(session: pytest.Session) -> None:
     """Let each of several processes import a share of the test modules first.
 
-    Nobody has compiled them in a new checkout. Each process would compile all of them, a hundred
-    seconds of processor time together; so it finds three quarters compiled by the others.
+    Nobody has compiled them in a new checkout, which takes 25 s of processor time in each process
+    that compiles all of them; so each finds most of them compiled by the others.
     """
     worker = getattr(session.config, "workerinput", None)
     if worker is None:
