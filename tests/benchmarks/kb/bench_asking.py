@@ -81,6 +81,11 @@ def later_style_queries() -> list[tuple[str, str]]:
     return _further("asking_styles_later.rq", "styles-later")
 
 
+def robotics_queries() -> list[tuple[str, str]]:
+    """Return queries as robotics people write them, frozen before the check first saw them."""
+    return _further("asking_robotics.rq", "robotics")
+
+
 def _further(file: str, stem: str) -> list[tuple[str, str]]:
     texts = (_HERE / file).read_text("utf-8").strip().split("\n\n")
     head = prologue(ontology.PREFIXES)
@@ -163,6 +168,7 @@ def main() -> None:
             ("of other laboratories", lab_queries(), given.show if given.unseen else ""),
             ("in many styles", style_queries(), given.show if given.unseen else ""),
             ("in styles, later", later_style_queries(), given.show if given.unseen else ""),
+            ("of robotics people", robotics_queries(), given.show if given.unseen else ""),
         ):
             print(f"queries {name}")
             measure(Bench(kb), texts, given.seed, show)

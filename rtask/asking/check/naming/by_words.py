@@ -49,7 +49,9 @@ class ByWords(Look):
         if about.kind != "variable" or value.kind != "variable":
             return False
         upwards = rank_of_values(step.node.value)
-        ranks = rank_of(value.value) * upwards, rank_of(about.value) * -upwards
+        # That a root has no parent is asked with the root as subject.
+        of_subject = 0 if context.is_tested else rank_of(about.name, is_value=upwards < 0)
+        ranks = rank_of(value.name, is_value=upwards > 0) * upwards, of_subject * -upwards
         if max(ranks) > 0 or min(ranks) == 0 or is_chained(edge, context):
             return False
         return not self._fitting.misfits(reversed_edge(edge), context)
@@ -67,10 +69,10 @@ class ByWords(Look):
     def _is_odd(self, demand: Demand, edge: Edge, context: Context) -> bool:
         """Return whether the last word of a variable is that of something else."""
         iri = edge.steps[0].node.value
-        word = head_of(demand.node.value)
+        word = head_of(demand.node.name)
         if not word or demand.is_observed or demand.is_of_terms:
             return False
-        if self._is_named_after(demand, edge):
+        if self._is_named_after(demand, edge) or self._is_named_after_matches(demand):
             return False
         if self._is_agreed(demand, edge, context):
             return False
@@ -135,13 +137,13 @@ class ByWords(Look):
         """Return whether a variable has a word of its property, or of what stands there."""
         (step,) = edge.steps
         if step.node.value == TYPE:
-            return affinity(demand.node.value, edge.object.value, self._vocabulary) > 0
-        if affinity(demand.node.value, step.node.value, self._vocabulary) > 0:
+            return affinity(demand.node.name, edge.object.value, self._vocabulary) > 0
+        if affinity(demand.node.name, step.node.value, self._vocabulary) > 0:
             return True
         axioms = self._vocabulary.properties.get(step.node.value)
         kinds = axioms.classes[1 - demand.at if step.is_inverse else demand.at] if axioms else ()
         named = {word for iri in kinds for word in words_of(local(iri))}
-        return bool(named.intersection(words_of(demand.node.value)))
+        return bool(named.intersection(words_of(demand.node.name)))
 
     def _odd(self, demand: Demand, edge: Edge, context: Context) -> Finding:
         (step,) = edge.steps
@@ -150,6 +152,6 @@ class ByWords(Look):
             f"{demanded(self._vocabulary, demand)}, "
             f"which is hardly what ?{demand.node.value.partition(' ')[0]} stands for"
         )
-        usual = kinds_of_word(head_of(demand.node.value), self._vocabulary)
+        usual = kinds_of_word(head_of(demand.node.name), self._vocabulary)
         repairs = self._repairs.of_named(edge, demand, usual, context)
         return Finding("unusual-name", "likely", node.start, node.end, words, tuple(repairs))
