@@ -28,6 +28,7 @@ from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import prologue
 from tests.benchmarks.kb import question_words
 from tests.benchmarks.kb.mutations import KINDS, Mutation, mutations
+from tests.benchmarks.kb.walks import walks
 from tests.endpoint.api.obedient_agent import (
     ObedientAgent,
     application_with_instructions,
@@ -35,6 +36,7 @@ from tests.endpoint.api.obedient_agent import (
 )
 from tests.rtask.asking.scripted_caller import ScriptedCaller
 
+_WALKS = 2_500
 _HERE = Path(__file__).parent
 _ROOM = Path(ontology.__file__).parent / "queries"
 
@@ -172,6 +174,7 @@ def main() -> None:
         ):
             print(f"queries {name}")
             measure(Bench(kb), texts, given.seed, show)
+        report_walks(kb, given.seed)
     report_agents()
     report_words(given.show == "words")
 
@@ -189,6 +192,17 @@ def measure(bench: Bench, texts: list[tuple[str, str]], seed: int, show: str) ->
     for name, text in texts:
         bench.mutate(name, text, seed)
     report(bench, show)
+
+
+def report_walks(kb: KnowledgeBase, seed: int) -> None:
+    """Print how many queries made of statements of the graph are blamed, by rule."""
+    bench, alarms = Bench(kb), Counter[str]()
+    blamed = 0
+    for text in walks(kb, bench.checker.vocabulary, _WALKS, seed):
+        rules = {finding.rule for finding in bench.check(text)}
+        blamed += bool(rules)
+        alarms.update(rules)
+    print(f"queries made of statements: {blamed} of {_WALKS} with a false alarm {dict(alarms)}")
 
 
 def report_agents() -> None:

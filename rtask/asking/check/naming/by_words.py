@@ -18,6 +18,7 @@ from rtask.asking.check.naming.meanings import (
     rank_of_values,
 )
 from rtask.asking.check.naming.names import affinity, words_of
+from rtask.asking.check.naming.usual import kinds_by_name
 from rtask.asking.check.syntax.outline import Edge
 from rtask.asking.check.types import TYPE, Context, Demand, family
 from rtask.asking.check.vocabulary import local
@@ -54,7 +55,16 @@ class ByWords(Look):
         ranks = rank_of(value.name, is_value=upwards > 0) * upwards, of_subject * -upwards
         if max(ranks) > 0 or min(ranks) == 0 or is_chained(edge, context):
             return False
+        if any(
+            self._is_of_its_name(demand) for demand in self._fitting.demands.of(edge, context) or ()
+        ):
+            return False
         return not self._fitting.misfits(reversed_edge(edge), context)
+
+    def _is_of_its_name(self, demand: Demand) -> bool:
+        """Return whether a variable is called like its class: ``?place`` for the task to place."""
+        named = kinds_by_name(self._vocabulary).get(demand.node.name.lower(), 0)
+        return bool(named & (demand.bits or 0)) or self._is_named_after_matches(demand)
 
     def _turned(self, edge: Edge) -> Finding:
         node = edge.steps[0].node

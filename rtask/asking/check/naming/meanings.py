@@ -136,6 +136,6 @@ def rank_of_values(iri: str) -> int:
     [1, -1, 0]
     """
     words = words_of(local(iri))
-    if not words or not _TO_UPPER.intersection(words):
-        return 0
-    return -1 if words[0] == "has" else 1
+    if words[:1] == ("has",):
+        return -1 if words[1:2] and words[1] in _TO_UPPER else 0
+    return 1 if words and words[0] in _TO_UPPER else 0

@@ -25,7 +25,7 @@ _FUNCTIONS = {
     ),
     **dict.fromkeys(("DATATYPE", "GROUP_CONCAT"), "literal"),
 }  # fmt: skip
-_SAME = {"COUNT", "MIN", "MAX", "AVG", "SUM", "SAMPLE", "STR", "ROUND"}
+_SAME = {"MIN", "MAX", "AVG", "SUM", "SAMPLE", "STR", "ROUND"}
 _CASTS = {"integer", "decimal", "double", "float", "boolean", "dateTime", "int", "long"}
 
 

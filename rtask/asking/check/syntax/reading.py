@@ -121,6 +121,8 @@ class _Reader(TermReader):
                     continue
             elif token.kind == "variable":
                 target.append(self._variable(token))
+                if grouped is target and self._tokens[self._at - 1].is_word("AS"):
+                    outline.defined.append(target[-1])  # GROUP BY (f(?x) AS ?y)
             elif self._is("{"):  # EXISTS in HAVING
                 outline.body.children.append(self._group("exists", outline))
                 continue
