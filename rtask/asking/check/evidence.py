@@ -124,14 +124,14 @@ class Evidence:
         Only languages that the first values of the property show are looked for.
         """
         first = islice(self._quads(None, NamedNode(iri), None, None), _MANY)
-        known = {
+        tags = {
             quad.object.language
             for quad in first
             if isinstance(quad.object, Literal) and quad.object.language
         }
         return sorted(
             language
-            for language in known
+            for language in tags
             if next(self._quads(None, NamedNode(iri), Literal(text, language=language), None), None)
         )
 

@@ -28,13 +28,13 @@ from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import prologue
 from tests.benchmarks.kb import question_words
 from tests.benchmarks.kb.mutations import KINDS, Mutation, mutations
-from tests.benchmarks.kb.walks import walks
 from tests.endpoint.api.obedient_agent import (
     ObedientAgent,
     application_with_instructions,
     of_others,
 )
 from tests.rtask.asking.scripted_caller import ScriptedCaller
+from tests.rtask.asking.walks import walks
 
 _WALKS = 2_500
 _HERE = Path(__file__).parent

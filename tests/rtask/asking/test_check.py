@@ -17,7 +17,7 @@ from rtask.cli import cli
 from rtask.errors import DataError, QuerySyntaxError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import prologue
-from tests.benchmarks.kb.walks import walks
+from tests.rtask.asking.walks import walks
 
 QUESTIONS = sorted((Path(ontology.__file__).parent / "queries").rglob("*.rq"))
 HEAD = prologue(
