@@ -245,6 +245,7 @@ def report_words(shows_missed: bool) -> None:
             ("written afterwards", question_words.unseen(kb, "asking_fresh.toml")),
             ("written last", question_words.unseen(kb, "asking_third.toml")),
             ("written with counts", question_words.unseen(kb, "asking_fourth.toml")),
+            ("in three styles", question_words.unseen(kb, "asking_fifth.toml")),
         ):
             tried = list(tries)
             right = sum(one.is_filled for one in tried)
