@@ -51,12 +51,12 @@ class Sourced:
 
     def python_versions(self) -> list[str]:
         """Return the versions of Python that have rclpy in a prefix, ``3.12``."""
-        found = [
+        versions = [
             file.parents[1].name.removeprefix("python")
             for prefix in self.prefixes
             for file in prefix.glob("lib/python3.*/*-packages/rclpy")
         ]
-        return sorted(set(found))
+        return sorted(set(versions))
 
 
 def examine_environment(ros: Sourced, domain: int) -> Iterator[Finding]:
@@ -170,18 +170,18 @@ def _messages(folder: Path | None, schema: Schema) -> Finding:
         more = f" and {len(wrong) - _MAX_NAMED} more" if len(wrong) > _MAX_NAMED else ""
         words = f"built by another release: {', '.join(wrong[:_MAX_NAMED])}{more} differ"
         return Finding(PACKAGE, "broken", f"{words}; in {folder}", _BUILD)
-    said = f"{len(hashes)} hashes agree" if hashes else "this ROS 2 has no hashes to compare"
-    return Finding(PACKAGE, "ok", f"{len(definitions)} definitions agree, {said}")
+    compared = f"{len(hashes)} hashes agree" if hashes else "this ROS 2 has no hashes to compare"
+    return Finding(PACKAGE, "ok", f"{len(definitions)} definitions agree, {compared}")
 
 
 def _built_hashes(folder: Path) -> dict[str, str]:
     """Return the hash of each type of a built package; Humble's tools make none."""
-    found: dict[str, str] = {}
+    hashes: dict[str, str] = {}
     for file in sorted(folder.glob("*/*.json")):
         for entry in json.loads(file.read_text("utf-8")).get("type_hashes", ()):
             if entry["type_name"].startswith(f"{folder.name}/"):
-                found[entry["type_name"]] = entry["hash_string"]
-    return found
+                hashes[entry["type_name"]] = entry["hash_string"]
+    return hashes
 
 
 def _node_package(ros: Sourced, schema: Schema) -> Finding:
@@ -206,5 +206,5 @@ def python_names(ros: Sourced) -> list[str]:
     """Return the Pythons that may have this ROS 2, the likeliest first."""
     names = [f"python{version}" for version in ros.python_versions()]
     names += [str(prefix / "bin/python3") for prefix in ros.prefixes]
-    found = ["python3", *names, "/usr/bin/python3"]
-    return [name for name in dict.fromkeys(found) if re.search(r"python3", name)]
+    names = ["python3", *names, "/usr/bin/python3"]
+    return [name for name in dict.fromkeys(names) if re.search(r"python3", name)]

@@ -40,48 +40,48 @@ def take_survey(ros: Sourced, domain: int, wait_s: float) -> _Survey:
                 [file, "-c", program, str(wait_s)], capture_output=True, text=True, check=False,
                 timeout=wait_s + _STARTS_S, env=environment,
             )  # fmt: skip
-            found: _Survey = json.loads(done.stdout.strip().rpartition("\n")[2])
+            report: _Survey = json.loads(done.stdout.strip().rpartition("\n")[2])
         except subprocess.TimeoutExpired:
             return {"error": f"{name}: rclpy gave no answer within {wait_s + _STARTS_S:g} s"}
         except ValueError:
             last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
             errors[name] = last
             continue
-        if "error" not in found:
-            return found
-        errors[name] = found["error"]
+        if "error" not in report:
+            return report
+        errors[name] = report["error"]
     return {"error": "; ".join(f"{name}: {error}" for name, error in errors.items())}
 
 
-def examine_graph(found: _Survey) -> Iterator[Finding]:
+def examine_graph(report: _Survey) -> Iterator[Finding]:
     """Look at what a survey has found: the RMW, the nodes, their topics and their clock."""
-    if "error" in found:
+    if "error" in report:
         yield Finding(
-            "rclpy", "broken", found["error"], "source the ROS 2 in the shell of this command"
+            "rclpy", "broken", report["error"], "source the ROS 2 in the shell of this command"
         )
         return
-    yield Finding("rclpy", "ok", f"{found['rclpy']} in Python {found['python']}")
-    yield Finding("rmw", "ok", found["rmw"])
-    if not found["heard"]:
+    yield Finding("rclpy", "ok", f"{report['rclpy']} in Python {report['python']}")
+    yield Finding("rmw", "ok", report["rmw"])
+    if not report["heard"]:
         yield Finding(
             "topics", "broken", "a message that was published was not heard on this machine",
             "look for a firewall, and at the discovery above",
         )  # fmt: skip
         return
     yield Finding("topics", "ok", "a message that was published was heard")
-    yield Finding("nodes", "ok", ", ".join(found["nodes"]) or "no other is seen")
-    if not found["ours"]:
+    yield Finding("nodes", "ok", ", ".join(report["nodes"]) or "no other is seen")
+    if not report["ours"]:
         yield Finding(
             "rtask node", "note", "no node offers rtask/where_is",
             "ros2 run rtask_ros2 node, with the domain and the discovery above",
         )  # fmt: skip
-    yield from _rivals(found["ours"])
-    names = {node["name"] for node in found["ours"]}
-    for node in found["ours"]:
+    yield from _rivals(report["ours"])
+    names = {node["name"] for node in report["ours"]}
+    for node in report["ours"]:
         yield _state(node)
         yield _camera(node)
-        yield _clock(node, found["clocks"])
-    for pair in found["mismatches"]:
+        yield _clock(node, report["clocks"])
+    for pair in report["mismatches"]:
         is_ours = bool(names & {pair["publisher"], pair["subscriber"]})
         words = f"{pair['subscriber']} does not hear {pair['publisher']} on {pair['topic']}"
         yield Finding(
