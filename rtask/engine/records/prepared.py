@@ -142,8 +142,8 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     check_task(context, item.task_id, access, where)
     check_operator(item.operator, access, where)
     if item.outcome is not None:
-        told = confirmed(item.outcome, access, f"{where}outcome.")
-        item = item.model_copy(update={"outcome": told})
+        report = confirmed(item.outcome, access, f"{where}outcome.")
+        item = item.model_copy(update={"outcome": report})
     before = stored_before(context, item.task_id, access, gripper)
     if before is not None:
         if item.outcome is not None:

@@ -182,10 +182,12 @@ def write_episodes(
         else:
             store = get_typestore(Stores.ROS2_HUMBLE)
             plugin = rosbag2.StoragePlugin.MCAP
-            writer = rosbag2.Writer(folder / "made", version=9, storage_plugin=plugin)
-            writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
-            with writer:
-                bag = _Rosbag(writer, store, store.serialize_cdr, has_sequence=False)
+            recording = rosbag2.Writer(folder / "made", version=9, storage_plugin=plugin)
+            recording.set_compression(
+                rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD
+            )
+            with recording:
+                bag = _Rosbag(recording, store, store.serialize_cdr, has_sequence=False)
                 written = _write(kb, episodes, bag, progress, urdf)
         (made,) = folder.rglob(f"*{path.suffix}")
         made.replace(path)
