@@ -90,8 +90,8 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
     gripper = context.grippers.find(request.gripper_id, access, is_acting=True)
     ahead_s = context.policy.clock_ahead_s
     check_operator(request.operator, access)
-    told = confirmed(_report(request), access, "" if request.outcome is None else "outcome.")
-    outcome = Outcome.of(told, context.reasons, "outcome").by_our_clock(ahead_s)
+    report = confirmed(_report(request), access, "" if request.outcome is None else "outcome.")
+    outcome = Outcome.of(report, context.reasons, "outcome").by_our_clock(ahead_s)
     ended, wrong = clocked(request.stamp, ahead_s)
     if wrong and not outcome.clock and outcome.report.ended is None:
         outcome = replace(outcome, comments=(*outcome.comments, wrong), clock=wrong)

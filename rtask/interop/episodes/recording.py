@@ -294,15 +294,15 @@ SELECT ?robot ?frame {{ ?robot rt:hasSensor/rt:bodyFrame/rt:frameId ?frame }}"""
     return {robot: next(iter(named)) for robot, named in frames.items() if len(named) == 1}
 
 
-def _write_pose(sink: _Sink, known: Situation, episode: Episode, time_ns: int) -> None:
+def _write_pose(sink: _Sink, situation: Situation, episode: Episode, time_ns: int) -> None:
     """Write where the object was when an attempt began, as a frame in the robot's own."""
-    if known.pose is None:
+    if situation.pose is None:
         return
-    x, y, z, qx, qy, qz, qw = map(float, known.pose)
+    x, y, z, qx, qy, qz, qw = map(float, situation.pose)
     place = ("geometry_msgs/msg/Vector3", {"x": x, "y": y, "z": z})
     turn = ("geometry_msgs/msg/Quaternion", {"x": qx, "y": qy, "z": qz, "w": qw})
     stamped = {
-        "header": ("header", time_ns, known.frame_id),
+        "header": ("header", time_ns, situation.frame_id),
         "child_frame_id": episode.thing_name or str(episode.thing),
         "transform": ("geometry_msgs/msg/Transform", {"translation": place, "rotation": turn}),
     }

@@ -75,7 +75,7 @@ def situations_of(kb: GraphCore, episodes: Iterable[Episode]) -> dict[str, Situa
             f"{PREFIXES} SELECT ?robot ?model {{ ?robot rt:hasRobotModel ?model }} ORDER BY ?model"
         )
     }
-    poses, told = _poses(kb, things), _tasks_in_words(kb)
+    poses, wordings = _poses(kb, things), _tasks_in_words(kb)
     made = {}
     for episode in recorded:
         thing = episode.thing or ""
@@ -87,7 +87,7 @@ def situations_of(kb: GraphCore, episodes: Iterable[Episode]) -> dict[str, Situa
             if seen.robot == episode.robot and holds:
                 frame, pose = seen.frame_id, seen.pose
         made[episode.attempt] = Situation(
-            told.get(episode.attempt)
+            wordings.get(episode.attempt)
             or _task(episode.thing_name or _NOBODY, colours.get(thing, []), kinds.get(thing, "")),
             models.get(episode.robot, "") or episode.robot_name, frame, pose,
         )  # fmt: skip
