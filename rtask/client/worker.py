@@ -85,6 +85,11 @@ class Worker:
         self._stopping = threading.Event()
         self._socket: Any = None
 
+    @property
+    def slots(self) -> dict[str, int]:
+        """Calls at a time of each service, by its exact name."""
+        return dict(self._slots)
+
     def run(self) -> None:
         """Connect and carry out calls until :meth:`stop`.
 

@@ -17,6 +17,12 @@ _OTHERS = "a system of others, in a survey"
 
 ENTRIES = (
     _none("fig", "1.1", "1.1", "robots and the cloud", why="an illustration"),
+    _ours("experiment", "collective-learning", "1.2",
+          "sharing of trajectories, control policies and outcomes",
+          why="outcomes, and the belief in each grasp that follows from them, are shared by all "
+          "robots (beyond-lessons); the joints of an attempt are stored with it and exported, but "
+          "no robot is offered the trajectory of another, and no control policy is stored: "
+          "docs/recordings.md"),
     *(
         _none("fig", f"2.{number}", section, shows, why=_OTHERS)
         for number, section, shows in (
@@ -108,7 +114,8 @@ ENTRIES = (
     _ours("fig", "5.2", "5.2", "platform and service as flowcharts",
           why="a class becomes a service by its entry point: docs/services.md"),
     _ours("fig", "5.3", "5.6", "architecture of Brass",
-          why="queues, workers and pipelines of rtask.services: docs/workers.md"),
+          why="queues and pipelines of rtask.services, and workers that start and stop by load, as "
+          "processes or containers: docs/workers.md"),
     _ours("fig", "5.4", "5.8", "web application for motion planning", why="page /tools/arm"),
     _ours("fig", "5.5", "5.8", "web application for grasping", why="page /tools/grasp"),
     _ours("listing", "kinematics", "5.7", "a service in code",
