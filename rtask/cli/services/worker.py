@@ -77,8 +77,8 @@ def worker(
     """
     import json
 
-    from rtask.client.scaling import Scaling
-    from rtask.client.worker import Worker
+    from rtask.client.work.scaling import Scaling
+    from rtask.client.work.worker import Worker
     from rtask.errors import UsageError
     from rtask.services.registry import load
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from rtask.client.calling.messages import addresses
-from rtask.client.worker_data import ServerDatasets
+from rtask.client.work.data import ServerDatasets
 from rtask.errors import AuthenticationError, ForbiddenError, RtaskError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.services.call import Invocation
