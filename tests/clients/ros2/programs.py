@@ -24,7 +24,7 @@ WAIT_S = 60.0
 
 def own_python():
     """Return the environment without ROS, whose libraries RTASK must not import."""
-    left_out = ("PYTHONPATH", "LD_LIBRARY_PATH")
+    left_out = ("PYTHONPATH", "LD_LIBRARY_PATH", "LD_PRELOAD")
     return {name: value for name, value in os.environ.items() if name not in left_out}
 
 

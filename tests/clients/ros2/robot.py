@@ -37,7 +37,7 @@ class Robot:
         self.node.destroy_node()
         rclpy.try_shutdown()
 
-    def call(self, name, kind, fill=lambda request: None, namespace=NAMESPACE):
+    def call(self, name, kind, fill=lambda request: None, namespace=NAMESPACE, wait_s=WAIT_S):
         """Call a service and return its response."""
         key = (name, namespace)
         if key not in self.clients:
@@ -47,7 +47,7 @@ class Robot:
         assert client.wait_for_service(timeout_sec=WAIT_S), f"nobody offers {key}"
         request = kind.Request()
         fill(request)
-        return self.wait(client.call_async(request), WAIT_S, name)
+        return self.wait(client.call_async(request), wait_s, name)
 
     @staticmethod
     def wait(future, wait_s, words):
