@@ -14,7 +14,7 @@ from rtask.interop.ros.dds.calling import ServiceClient, read_header, with_heade
 from rtask.interop.ros.dds.structs import Structs
 from rtask.interop.ros.dds.types import RosTypes
 
-__all__ = ["DdsNode", "Publisher", "is_of_cyclone"]
+__all__ = ["CallerWatch", "DdsNode", "Publisher", "is_of_cyclone"]
 
 log = logging.getLogger(__name__)
 
@@ -31,8 +31,12 @@ _GRAPH_TEXTS = {
 }
 _CYCLONE = b"\x01\x10"
 """Vendor id of Eclipse Cyclone DDS, with which the guid of each of its participants begins."""
-_POLL_S = 0.1
+_POLL_S, _CALLERS_POLLS = 0.1, 10
 _SERVICE_THREADS = 8
+_REFUSED = (
+    "%s: requests of a caller are refused, because services work only with Cyclone as the peer's "
+    "RMW; set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp there, or call the operation by rosbridge"
+)
 
 
 class DdsNode:
@@ -75,6 +79,7 @@ class DdsNode:
             ) from error
         self._readers: list[tuple[Any, Any, Take]] = []
         self._writers: list[Any] = []
+        self._callers = CallerWatch()
         self._lock = threading.Lock()
         self._ended = threading.Event()
         self._pool = ThreadPoolExecutor(_SERVICE_THREADS, "rtask-dds")
@@ -179,7 +184,7 @@ class DdsNode:
                 self._pool.submit(answer, sample.cdr)
 
         request = self._structs.of_service(type_, "Request")
-        self._reader(f"rq{name}Request", request, qos, take)
+        self._callers.add(self._reader(f"rq{name}Request", request, qos, take), name)
 
     def client(self, service: str, type_: str) -> ServiceClient:
         """Return a client of a service, of a server whose RMW is Cyclone's."""
@@ -276,8 +281,12 @@ class DdsNode:
     def _run(self) -> None:
         from cyclonedds.util import duration
 
+        polls = 0
         while not self._ended.is_set():
             self._waiting.wait(duration(seconds=_POLL_S))
+            polls += 1
+            if polls % _CALLERS_POLLS == 0:
+                self._callers.look()
             for reader, take, sample in self._taken():
                 try:
                     take(reader, sample)
@@ -307,12 +316,35 @@ def is_of_cyclone(reader: Any, sample: Any, service: str) -> bool:
         return False
     if writer.participant_key.bytes.startswith(_CYCLONE):
         return True
-    log.warning(
-        "%s: a request was refused, because services work only with Cyclone as the peer's RMW; "
-        "set RMW_IMPLEMENTATION=rmw_cyclonedds_cpp there, or call the operation by rosbridge",
-        service,
-    )
+    log.warning(_REFUSED, service)
     return False
+
+
+class CallerWatch:
+    """Warns of callers whose RMW is not Cyclone's, once for each.
+
+    Their requests lack the header, so that many are dropped by the library before a program sees
+    them: Cyclone cannot read them as what their type says.
+    """
+
+    def __init__(self) -> None:
+        self._services: list[tuple[Any, str]] = []
+        self._seen: set[int] = set()
+
+    def add(self, reader: Any, service: str) -> None:
+        """Watch the reader of the requests of a service."""
+        self._services.append((reader, service))
+
+    def look(self) -> None:
+        """Warn of the callers that have come since the last time."""
+        for reader, service in list(self._services):
+            for handle in reader.get_matched_publications():
+                if handle in self._seen:
+                    continue
+                self._seen.add(handle)
+                writer = reader.get_matched_publication_data(handle)
+                if writer is not None and not writer.participant_key.bytes.startswith(_CYCLONE):
+                    log.warning(_REFUSED, service)
 
 
 class Publisher:

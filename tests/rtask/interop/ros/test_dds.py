@@ -281,6 +281,35 @@ def test_requests_of_another_dds_are_refused_with_the_reason(caplog):
     assert "its sender is gone" in caplog.text
 
 
+def test_a_caller_of_another_dds_is_named_once_before_any_request_of_it_is_read(caplog):
+    pytest.importorskip("cyclonedds")
+    from rtask.interop.ros.dds.node import CallerWatch
+
+    vendors = {1: b"\x01\x10", 2: b"\x01\x0f"}
+
+    def data(handle):
+        if handle not in vendors:
+            return None  # it has left in the meantime
+        key = SimpleNamespace(bytes=vendors[handle] + bytes(14))
+        return SimpleNamespace(participant_key=key)
+
+    matched = []
+    reader = SimpleNamespace(
+        get_matched_publications=lambda: matched, get_matched_publication_data=data
+    )
+    watch = CallerWatch()
+    watch.add(reader, "/s")
+    watch.look()
+    matched += [1, 3]
+    watch.look()
+    assert caplog.records == []
+    matched.append(2)
+    watch.look()
+    watch.look()
+    [warning] = caplog.records
+    assert warning.message.startswith("/s: requests of a caller are refused, because services work")
+
+
 @pytest.mark.slow
 def test_the_doctor_hears_its_own_message(network):
     run = subprocess.run(
