@@ -42,13 +42,14 @@ _SETTLE_S = 0.3
 _MOST_WAIT_S = 3600.0
 
 
-def named(code: int) -> str:
+def named(code: object) -> str:
     """Return a code with its name, where it has one.
 
     >>> named(-4), named(-99)
     ('-4 (PATH_TOLERANCE_VIOLATED)', '-99')
     """
-    return f"{code} ({_NAMES[code]})" if code in _NAMES else str(code)
+    name = _NAMES.get(code) if isinstance(code, int) else None
+    return f"{code} ({name})" if name else str(code)
 
 
 class OldStampError(UsageError):
