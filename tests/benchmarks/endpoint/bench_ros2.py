@@ -142,7 +142,7 @@ def cloud_ways(shell, bridge):
             started = time.time()
             publisher.publish(message)
             try:
-                came_size, came = by_ros.get(timeout=2)
+                came_size, came = by_ros.get(timeout=0.5)
             except queue.Empty:
                 lost["ROS 2 topic"] += 1
                 continue
