@@ -164,7 +164,7 @@ def _add_quads(
     if not access.may_state_axioms:
         declared = committer.catalogue.declared()
         right = SchemaRight(access, committer.graphs, store, declared)
-    names_robots = access.role == "robot" and not committer.plain
+    names_agents = access.role in ("robot", "teacher") and not committer.plain
 
     def with_union() -> Iterator[Quad]:
         for quad in quads:
@@ -175,8 +175,8 @@ def _add_quads(
                     raise axiom_refused(quad, access, committer.graphs)
                 if quad not in store:
                     fresh.append(quad)
-            if names_robots:
-                access.require_own_identity(quad, committer.graphs, committer.is_used)
+            if names_agents:
+                access.require_own_identity(quad, committer.graphs)
             if name not in joined:
                 _refuse_rules(committer, name)
                 access.require_write(name, "load")
