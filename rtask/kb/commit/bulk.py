@@ -166,6 +166,9 @@ def _add_quads(
         right = SchemaRight(access, committer.graphs, store, declared)
     names_robots = access.role == "robot" and not committer.plain
 
+    def is_used(graph: GraphName) -> bool:
+        return committer.catalogue.triple_count(graph) > 0
+
     def with_union() -> Iterator[Quad]:
         for quad in quads:
             name = quad.graph_name
@@ -176,7 +179,7 @@ def _add_quads(
                 if quad not in store:
                     fresh.append(quad)
             if names_robots:
-                access.require_own_identity(quad, committer.graphs, committer.is_used)
+                access.require_own_identity(quad, committer.graphs, is_used)
             if name not in joined:
                 _refuse_rules(committer, name)
                 access.require_write(name, "load")
