@@ -193,7 +193,7 @@ def test_a_commit_beyond_the_limit_is_refused(
     monkeypatch.setattr(requirements, "MAX_EMPTIED", 2)
     with pytest.raises(TooLargeError, match="removes whole graphs of 3 statements, at most 2 are"):
         write(1, 2, 3, remove=True)
-    monkeypatch.setattr(committer, "MAX_EMPTIED", 3)
+    monkeypatch.setattr(requirements, "MAX_EMPTIED", 3)
     write(1, 2, 3, remove=True)  # nothing is left
     assert not kb.match("urn:a")
 
