@@ -15,6 +15,7 @@ from simulate.study.asking.command import asking_price
 from simulate.study.clutter.command import piles
 from simulate.study.commands import grasping, judging, learn, table4, table5
 from simulate.study.day.command import day
+from simulate.study.paths.command import paths
 from simulate.study.pushes.command import push_grasps
 from simulate.study.quality.command import grasp_quality
 from simulate.study.quality.hands_command import hands
@@ -33,7 +34,7 @@ def study() -> None:
 
 
 for _command in (
-    asking_price, attempts, day, demo, grasp_quality, grasping, hands, judging, learn, piles,
+    asking_price, attempts, day, demo, grasp_quality, grasping, hands, judging, learn, paths, piles,
     push_grasps, requests, sharing, table4, table5, tasks, trust, unforeseen, why,
 ):  # fmt: skip
     study.add_command(_command)

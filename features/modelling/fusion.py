@@ -38,6 +38,7 @@ def oriented_points(
     mask = frame.object_mask() & np.isfinite(points).all(axis=-1)
     places = points[mask]
     rng = np.random.default_rng(0)
+    # Chosen before the normals, which cost most, and by the same draw for the colours below.
     order = np.sort(rng.permutation(len(places))[:_MAX_POINTS])
     chosen = scene_points(places[order], _MAX_POINTS, np.inf, np.random.default_rng(0))
     shuffled = np.random.default_rng(0).permutation(len(order))[:_MAX_POINTS]
@@ -77,6 +78,7 @@ def _averaged(
     weights: NDArray[np.float64],
     edge_m: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.float32]]:
+    # Both faces of a thin wall fall into one voxel; their mean would have no side.
     side = np.abs(rows[:, 3:]).argmax(axis=1)
     sign = np.take_along_axis(rows[:, 3:], side[:, None], axis=1)[:, 0] > 0
     keys = np.floor(rows[:, :3] / edge_m).astype(np.int64)

@@ -103,8 +103,10 @@ def registered(
         anything known, and what hides known surface is taken for a side not seen before.
     """
     rng = np.random.default_rng(0)
+    # A fixed draw: the same view must be registered alike when a model is made again.
     few = oriented[np.sort(rng.permutation(len(oriented))[:_MAX_LAID])]
     prior_pose = np.asarray(object_from_camera, np.float64)
+    # What is uncertain of a measurement is the camera, of an estimate the object.
     pivot = prior_pose[:3, 3] if is_measured else surface.centre
     pose = _laid_on(surface, few, prior_pose, pivot, prior_weights(is_measured))
     away, _ = surface.tree.query(few[:, :3] @ pose[:3, :3].T + pose[:3, 3])
@@ -142,6 +144,7 @@ def _laid_on(
     and ``prior`` (6,) weighs turns and shifts away from what was told.
     """
     pose = prior_pose
+    # Weighed as 1,500 independent points, a view would outweigh any prior.
     trust = INDEPENDENT_POINTS / len(few) / DEPTH_NOISE_M**2
     for cut in _CUTS_M.tolist():
         places = few[:, :3] @ pose[:3, :3].T + pose[:3, 3]

@@ -61,6 +61,7 @@ def settled(scans: Sequence[Scan], poses: Sequence[Pose]) -> list[Pose]:
                     _lay(left, right, (a, b), here, other, moved[b], cut, scans)
             left[a, :, a] += np.diag(priors[a])
             right[a] += priors[a] * drift(moved[a], scan.prior_pose, scan.pivot)
+        # The first scan is left out of the system: without one that stays, all could move together.
         size = 6 * (len(scans) - 1)
         steps = np.linalg.solve(left[1:, :, 1:].reshape(size, size), -right[1:].ravel())
         for k, step in enumerate(steps.astype(np.float64).reshape(-1, 6), start=1):
@@ -83,6 +84,7 @@ def _lay(
     seen = here[:, :3] @ back[:3, :3].T + back[:3, 3]
     away, rows = other.tree.query(seen, distance_upper_bound=_REACH * cut)
     met = np.flatnonzero(np.isfinite(away))
+    # Scans of opposite sides meet at a rim only, whose few pairs would turn them at will.
     if len(met) < _MIN_MET:
         return
     there = other.rows[rows[met]].astype(np.float64)

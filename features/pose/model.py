@@ -162,6 +162,7 @@ def build_pose_model(
     diameter = float(np.linalg.norm(high - low))
     if not _SMALLEST_M <= diameter <= _LARGEST_M:
         raise ValueError(f"mesh units? diameter is {diameter:.3g} m, expected 5 mm to 3 m")
+    # No seed of a caller: the same surface gives the same model, in every process.
     rng = np.random.default_rng(0)
     if faces is not None and len(faces):
         if faces.shape[1:] != (3,) or faces.min() < 0 or faces.max() >= len(vertices):
@@ -176,6 +177,7 @@ def build_pose_model(
     centre = (low + high) / 2
     surface[:, :3] -= centre
     seen = _is_outside(surface)
+    # Of an open or very thin surface hardly a sample is outermost: it is taken as it is.
     if np.count_nonzero(seen) > samples // 10:
         surface = surface[seen]
     order = rng.permutation(len(surface))
@@ -204,6 +206,7 @@ def sample_mesh(
         raise ValueError("the mesh has no area: all faces are degenerate")
     chosen = rng.choice(len(area), count, p=area / area.sum())
     u, v = rng.random((2, count, 1))
+    # Folding the far half of the parallelogram back makes places uniform in the triangle.
     flip = u + v > 1
     u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
     a, b, c = corners[chosen].transpose(1, 0, 2)
@@ -216,6 +219,7 @@ def _is_outside(surface: NDArray[np.float64]) -> NDArray[np.bool_]:
     a, b, c = np.ptp(places, axis=0).tolist()
     area = 2 * (a * b + b * c + c * a)
     cell = max(2.5 * float(np.sqrt(area / len(places))), 1e-4)
+    # A Fibonacci lattice spreads directions evenly over the sphere, without clusters at the poles.
     k = np.arange(_DIRECTIONS) + 0.5
     height, turn = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + 5**0.5) * k
     flat = np.sqrt(1 - height**2)
@@ -230,6 +234,7 @@ def _is_outside(surface: NDArray[np.float64]) -> NDArray[np.bool_]:
         nearness = places @ towards
         nearest = np.full(number.max() + 1, -np.inf)
         np.maximum.at(nearest, number, nearness)
+        # A wall that faces the direction by 45 degrees is as deep within a cell as that is wide.
         seen += (nearness > nearest[number] - 1.2 * cell) & (normals @ towards > 0.5)
     # Once may be a gap between the samples of the wall in front.
     return seen > 1

@@ -40,6 +40,8 @@ def find_symmetries(
     noise_m
         By so much places may be off: a turn that changes less on average is one.
     """
+    # Two samplings of one surface never coincide: turned probes may be as far from the samples as
+    # unturned ones are.
     tree = cKDTree(surface)
     bound = _SLACK * float(tree.query(probes)[0].mean())
     bound += _TOLERANCE * diameter + noise_m
@@ -67,6 +69,7 @@ def find_symmetries(
 
 def _axes(probes: FloatArray) -> list[NDArray[np.float64]]:
     _, _, principal = np.linalg.svd(probes - probes.mean(axis=0), full_matrices=False)
+    # A principal axis near one of the frame would give each turn twice, a few degrees apart.
     axes = list(np.eye(3))
     for axis in principal:
         if max(abs(float(axis @ other)) for other in np.eye(3)) < np.cos(np.deg2rad(4)):
@@ -85,11 +88,13 @@ def _products(
             turn for turn in turns[1:] if abs(np.trace(turn) + 1) < 1e-6  # by 180 degrees
             and any(float(axis @ turn @ axis) < -0.99 for axis in whole)
         ]  # fmt: skip
+        # One flip is enough: the others are its products with turns about the axis.
         about = [t for t in turns if any(float(axis @ t @ axis) > 0.9999 for axis in whole)]
         return [flip @ turn for flip in flips[:1] for turn in about]
     few = turns[: len(_TURNS_DEG) * 3]
     products = [a @ b for a in few for b in few]
     products = [turn for turn in _distinct(products) if holds(turn)]
+    # No body but the round ones has more than the 60 turns of the icosahedron; more is noise.
     return products if len(products) <= 60 else []
 
 

@@ -217,10 +217,12 @@ def analyse(
     began = time.perf_counter()
     trials = Trials.of(part, grasps, test, tolerance, seed)
     watch = Watch(executor, total, progress, deadline_s)
+    # Workers return sums of a few bytes a grasp, unless each trial is asked for.
     if stop or keep_codes or weighting == "density":
         return _from_codes(trials, grasps, watch, total, elimination, stop, weighting, seed, began)
     counts = np.zeros((len(grasps), len(ORDER)), np.int64)
     gone, done = _batches(trials, elimination, total, seed, watch, counts)
+    # Grasps that were removed have seen fewer trials than the others.
     counts[:, ORDER == UNTRIED] = (done - counts.sum(axis=1))[:, None]
     return _summed(grasps, counts, gone, done, done < total, began)
 
@@ -275,6 +277,7 @@ def stop_at(curve: FloatArray) -> int:
     (30, 0)
     """
     for k in range(STOP_MIN_SAMPLES, len(curve) + 1):
+        # The change over so many samples lies between one value more than there are samples.
         window = curve[k - STOP_WINDOW - 1 : k] if k > STOP_WINDOW else curve[:k]
         if np.ptp(window) <= STOP_CHANGE * max(curve[k - 1], 1e-12):
             return k

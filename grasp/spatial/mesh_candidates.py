@@ -97,6 +97,7 @@ def propose_on_mesh(
     order = np.random.default_rng(seed).permutation(len(pairs))
     if screen:
         order = _promising(pairs, mesh, gripper, noise or PoseNoise(), seed)
+    # On a support most approaches are blocked from below, so more are tried.
     count = 8 if around.support is None else 16
     candidates: list[GraspCandidate] = []
     hits: Counter[str] = Counter()
@@ -107,6 +108,7 @@ def propose_on_mesh(
         hits.update(touched)
         if len(candidates) >= _PAIRS // 3:
             break
+    # Contacts drawn over the cones rarely lie flat on faces, where a grasp bears most.
     if central:
         straight = antipodal_pairs(mesh, gripper, tries, seed, _MARGIN_M, spread=0.0)
         if len(straight):
@@ -205,6 +207,7 @@ def _approached(
         down = -around.support.up
         flat = down - (pairs.closing @ down)[:, None] * pairs.closing
         length = np.linalg.norm(flat, axis=1, keepdims=True)
+        # A closing axis that is almost vertical leaves no approach from above.
         zero = np.where(length > 0.05, flat / np.maximum(length, 1e-9), zero)
     side = np.cross(pairs.closing, zero)
     angles = 2 * np.pi * np.arange(turns) / turns
@@ -246,6 +249,7 @@ def _raise_over(
     boxes = swept_boxes(gripper, openings, around.sweep)
     lacking = around.support.clearance + 1e-6 - around.support.below(poses, boxes)
     steep = -(poses[:, :3, 2] @ around.support.up)
+    # Along the approach, which a slanted gripper has to leave further to rise as much.
     back = lacking / np.maximum(steep, 1e-3)
     shift = np.where((lacking > 0) & (back <= gripper.fingertip - _TIP_M), back, 0.0)
     poses[:, :3, 3] -= shift[:, None] * poses[:, :3, 2]

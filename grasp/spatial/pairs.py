@@ -110,6 +110,7 @@ def antipodal_pairs(
     mu = gripper.friction
     points, face = mesh.sample(tries, rng)
     normals = mesh.normals[face]
+    # Directions are drawn relative to an edge of the face, so that they move with the mesh.
     edges = mesh.vertices[mesh.faces[face, 1]] - mesh.vertices[mesh.faces[face, 0]]
     edges /= np.linalg.norm(edges, axis=1, keepdims=True)
     closing = _inside_cone(normals, edges, spread * np.arctan(mu), rng)
@@ -119,6 +120,7 @@ def antipodal_pairs(
     at, index = at[:, :most], index[:, :most]
     at = np.where(np.arange(most) < counts[:, None], at, np.inf)
     facing = np.einsum("nki,ni->nk", mesh.tree.normals[index], closing)
+    # The line meets the face that it starts from as well, at about 0.
     before = -np.where(at < -_SAME_M, at, -np.inf).max(axis=1)
     after = np.full(at.shape, np.inf)
     after[:, :-1] = at[:, 1:] - np.where(np.isfinite(at), at, 0.0)[:, :-1]
@@ -140,6 +142,7 @@ def antipodal_pairs(
     across = edges[row] - np.einsum("ni,ni->n", edges[row], d)[:, None] * d
     length = np.linalg.norm(across, axis=1, keepdims=True)
     across = np.where(length > 1e-6, across / np.maximum(length, 1e-12), _perpendicular(d))
+    # Both jaws open by the same way, so the narrower side decides.
     beside = np.minimum(before[row], after[row, column]) - finger
     return Pairs(
         np.stack([points[row], points[row] + width[:, None] * d], axis=1),
@@ -156,6 +159,7 @@ def _inside_cone(
     normals: FloatArray, edges: FloatArray, widest: float, rng: np.random.Generator
 ) -> FloatArray:
     """Draw directions (n, 3) within ``widest`` rad of the inward normals."""
+    # Without the root, directions would crowd along the axis of the cone.
     angle = widest * np.sqrt(rng.random(len(normals)))[:, None]
     turn = (2 * np.pi * rng.random(len(normals)))[:, None]
     side = np.cos(turn) * edges + np.sin(turn) * np.cross(normals, edges)

@@ -58,6 +58,7 @@ def sealed(mesh: Mesh, cup: SuctionCup, poses: FloatArray) -> NDArray[np.bool_]:
     )
     ways = np.broadcast_to(poses[:, None, :3, 2], origins.shape)
     at, face = first_and_last(mesh.tree, origins.reshape(-1, 3), ways.reshape(-1, 3), _REACH_M)
+    # A ray that meets nothing has no face; its depth is NaN, so whose normal it gets is no matter.
     depth = np.where(face[:, 0] != NOTHING, at[:, 0], np.nan).reshape(len(poses), -1)
     normal = mesh.normals[np.maximum(face[:, 0], 0)].reshape(origins.shape)
     return seals_at(cup, depth, -np.einsum("nki,ni->nk", normal, poses[:, :3, 2]))
@@ -98,6 +99,7 @@ def _loads(up: FloatArray, shaken: bool) -> FloatArray:
     up = np.asarray(up, dtype=np.float64)
     if not shaken:
         return -up[None]
+    # Of the axes the one farthest from "up": with a near one the product would be mostly rounding.
     side = np.cross(up, np.eye(3)[int(np.abs(up).argmin())])
     side /= np.linalg.norm(side)
     ways = np.array([up, side, np.cross(up, side)])
@@ -129,6 +131,7 @@ def asked_of_vacuum(cup: SuctionCup, force: FloatArray, moment: FloatArray) -> F
         torsion = moment[..., 2] / (cup.friction * cup.radius * left)
         tipping = np.hypot(moment[..., 0], moment[..., 1]) / (cup.radius * left)
         asked = np.sqrt(shear**2 + torsion**2 + tipping**2)
+    # Beyond the force of the vacuum the shares change sign and could look small.
     return np.asarray(np.where(left > 0, asked, np.inf))
 
 

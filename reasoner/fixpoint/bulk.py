@@ -100,6 +100,8 @@ class Bulk:
             pending: dict[int, list[Keys]] = defaultdict(list)
             if TYPE in delta:
                 pending[TYPE].append(hierarchy.above(delta[TYPE].keys))
+            # Round by round, a chain of n links takes about log n rounds that join all pairs again:
+            # a search from each end finds what long chains reach at once.
             if number == LONG_PATHS:
                 paths = {p for rule in others if (p := transitive_property(rule)) is not None}
                 others = [rule for rule in others if transitive_property(rule) is None]
@@ -109,6 +111,7 @@ class Bulk:
                     if pairs is None:
                         raise self._refusal(p)
                     pending[p].append(_proper(p, pairs))
+            # Semi-naive: only what uses a fact of the last round can be new.
             tables = self._changed(others, delta) if number else self._all(others)
             for rule, table in tables:
                 self._conclude(rule, table, pending)
@@ -168,6 +171,7 @@ class Bulk:
         """Yield the solutions of each rule, starting from its smallest atom."""
         for rule in rules:
             if all(self._size(atom) for atom in rule.body):
+                # Joins only grow from the pairs that they start with.
                 start = min(rule.body, key=self._size)
                 for table in self._solutions(rule, start, self._pairs(start)):
                     yield rule, table
@@ -177,6 +181,7 @@ class Bulk:
     ) -> Iterator[tuple[Rule, Table]]:
         """Yield the solutions that use at least one new fact."""
         for rule in rules:
+            # An atom that a body names twice would give the same solutions twice.
             for atom in dict.fromkeys(rule.body):
                 new = delta.get(atom.p)
                 if new is not None and all(self._size(other) for other in rule.body):
@@ -280,6 +285,7 @@ class Bulk:
         if not length:
             return
         s, o = (table[x] if x < 0 else np.full(length, x, np.uint64) for x in (head.s, head.o))
+        # RDF has no statement about a literal; what holds of each term itself is not stored.
         keep = s < _LITERAL
         if head.p in REFLEXIVE_PREDICATES:
             keep &= s != o
@@ -315,6 +321,7 @@ class Bulk:
     def _unite(self, pairs: Keys) -> set[int]:
         """Merge pairs of terms; return the terms that were given up for another."""
         losers = set()
+        # Equal literals are known by their values.
         pairs = pairs[arrays.lower(pairs) < LITERAL]
         for key in arrays.connecting(pairs).tolist():
             a, b = self._equality.find(key >> 32), self._equality.find(key & 0xFFFFFFFF)

@@ -82,6 +82,9 @@ class Retraction:
                 self._split(fact[0])
             else:
                 self._delete(fact)
+        # Delete first whatever may rest on what goes, then bring back what has another derivation:
+        # facts that derive each other in a circle would hold each other up for ever (DRed; Gupta,
+        # Mumick and Subrahmanian 1993).
         for fact in tuple(self._layer.removed):
             self._follow(stratum, fact)
         either = _either(self._layer)
@@ -107,6 +110,7 @@ class Retraction:
         if fact in self._gone or not self._layer.base.has(s, p, o):
             return
         merged = [x for x in fact if self._equality.is_merged(x)] if self._may_split else []
+        # What is asserted needs no derivation.
         if not merged and self._is_asserted(fact):
             return
         if is_schema(p, o):
@@ -123,6 +127,7 @@ class Retraction:
         if representative in self.split or not self._equality.is_merged(term):
             return
         self.split[representative] = None
+        # Rules were compiled with the representative in the place of each member.
         if not self._program.constants.isdisjoint(self._equality.members(term)):
             raise CannotRetractError("a term of the schema may lose an equal one")
         for fact in self._layer.base.about(representative):
@@ -136,6 +141,7 @@ class Retraction:
             for a, p, b in stratum.projections.get(key, ()):
                 a = s if a == -1 else o if a == -2 else a
                 b = s if b == -1 else o if b == -2 else b
+                # No literal is a subject: the rule concluded nothing there.
                 if a < LITERAL:
                     self._delete((a, p, b))
             for trigger in stratum.triggers.get(key, ()):

@@ -142,6 +142,8 @@ class Maintainer:
                 return self.rebuild(asserted, len(state.facts))
             return self._from_nothing(asserted)
         try:
+            # Rules are compiled from the schema, and derived facts do not name their rule: what one
+            # that goes has derived cannot be told from the rest.
             if any(is_schema(p, o) for _, p, o in asserted.removed):
                 raise CannotRetractError("schema is retracted")
             return _Revision(self, state, asserted).run(former_rules is not None)
@@ -192,6 +194,7 @@ class Maintainer:
         layer.work = self.work(len(asserted.facts) + len(asserted.added))
         equality = Equality()
         derivation = self._derivation(layer, equality, asserted, self.max_facts(before, asserted))
+        # Before the schema is closed, its axioms would compile to rules that lack what follows.
         program = Program(CLOSING_RULES)
         derivation.use(program)
         draft = Draft(asserted, layer, equality, program, (), is_rebuilt=True)
@@ -204,10 +207,12 @@ class Maintainer:
                 derivation.insert(fact)
             derivation.run(program.strata[0])
             self.grow(draft, derivation)
+        # Each stratum asks what is absent below it, so the one below must be complete.
         for stratum in draft.program.strata[1:]:
             if bulk is None or not self._join_stratum(draft, derivation, stratum):
                 derivation.evaluate(stratum.rules)
                 derivation.run(stratum)
+        # Constraints derive nothing, so they are tried once, when all that holds is known.
         checks = list(draft.program.checks.rules)
         if bulk is not None:
             checks = bulk.suspects(checks, draft.program)
@@ -300,6 +305,7 @@ class Maintainer:
             The rules that are new.
         """
         before = frozenset(draft.program.rules)
+        # New axioms give new rules, which may derive axioms in turn, as below a restriction.
         while True:
             derivation.schema_changed = False
             program, problems = self.compile(draft.layer, draft.equality)
@@ -380,6 +386,7 @@ class _Revision:
     def retract(self, level: int) -> None:
         program = self.draft.program
         before = self.state.equality
+        # Facts are stored with representatives of equal terms; what is retracted names any of them.
         gone = [before.rewrite(fact) for fact in self.asserted.removed]
         gone = [fact for fact in gone if program.level(fact) == level]
         if not (gone or level):

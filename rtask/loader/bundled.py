@@ -13,7 +13,7 @@ import ontology
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.reverting import BUNDLED
 from rtask.kb.store.collector import collector_paused
-from rtask.rdf.terms import RDF_TYPE, GraphName, python_value
+from rtask.rdf.terms import RDF_TYPE, GraphName, python_value, stored_quad
 
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
@@ -42,20 +42,21 @@ def refresh(kb: GraphCore) -> Commit | None:
             name, quads = _module(path, path.stat().st_mtime_ns)
             kinds[name] = "OntologyGraph"
             tx.clear(name)
-            tx.add_quads(quads, name)
+            tx.add_quads(quads, as_read=True)
     _log.info("loaded %d modules of the bundled ontology", len(stale))
     return tx.commit
 
 
 @lru_cache(maxsize=64)
 def _module(path: Path, changed_ns: int) -> tuple[NamedNode, tuple[Quad, ...]]:
-    """Return the name of a module's graph and its statements there, as they were at a time.
+    """Return the name of a module's graph and its statements there as the store keeps them.
 
     They are kept: a process that opens one knowledge base after another parses each file once.
     """
     quads = list(parse(path=path, rename_blank_nodes=True))
     name = _name(quads, path)
-    return name, tuple(Quad(quad.subject, quad.predicate, quad.object, name) for quad in quads)
+    named = (Quad(quad.subject, quad.predicate, quad.object, name) for quad in quads)
+    return name, tuple(map(stored_quad, named))
 
 
 def _name(quads: list[Quad], path: Path) -> NamedNode:

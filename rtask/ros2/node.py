@@ -19,6 +19,8 @@ from rtask.interop.ros.schema import REFUSED
 from rtask.ros2.camera import CameraTopics
 from rtask.ros2.contract import Contract
 from rtask.ros2.qos import events, latched
+from rtask.ros2.sampling import SampleAction
+from rtask.ros2.scene import SceneClient
 from rtask.ros2.seeing import Eyes, SeeAction, SegmentService
 from rtask.ros2.transforms import TransformBuffer
 
@@ -32,6 +34,9 @@ PARAMETERS: dict[str, tuple[Any, str]] = {
     "gripper_id": ("", "name or IRI of the end effector, for goals that name none"),
     "table_height": (math.nan, "height of the table in that frame, m; NaN: as seen"),
     "min_confidence": (math.nan, "least confidence to count as recognised; NaN: by the policy"),
+    "use_planning_scene": (True, "keep grasps clear of what MoveIt's planning scene holds"),
+    "hand_links": ([""], "links of the hand in MoveIt's scene, which may touch what it grasps"),
+    "grasp_target": ("", "name or IRI of the object that grasps are sampled for; empty: the only"),
 }
 """Default and meaning of each. The token is none: every node could read it."""
 
@@ -305,7 +310,12 @@ class _Parts:
         ]
         eyes = Eyes(self._camera, self._transforms, self.client, options.frame)
         self._services.append(SegmentService(node, eyes, calls, self._is_active).service)
-        self._see = SeeAction(node, eyes, self.client, options, self._heard, calls, self._is_active)
+        self._scene = self._scene_client(calls)
+        self._see = SeeAction(
+            node, eyes, self.client, options, self._heard, calls, self._is_active,
+            self._scene.source if self._scene is not None else None,
+        )  # fmt: skip
+        self._sample = SampleAction(node, self._see, calls, self._is_active)
         self._ticks, self._follows = 0, False
         # ROS time may stand still; what waits is sent all the same.
         self._timer = node.create_timer(
@@ -322,7 +332,11 @@ class _Parts:
         """Take all endpoints back and close the connection."""
         node = self._node
         node.destroy_timer(self._timer)
-        self._see.server.destroy()
+        for server in (self._see.server, *self._sample.servers):
+            server.destroy()
+        if self._scene is not None:
+            node.destroy_client(self._scene.client)
+            node.destroy_subscription(self._scene.subscription)
         for service in self._services:
             node.destroy_service(service)
         for subscription in self._subscriptions:
@@ -330,6 +344,13 @@ class _Parts:
         for publisher in (self._grasps, self._changes, *self._see.publishers):
             node.destroy_lifecycle_publisher(publisher)
         self.client.close()
+
+    def _scene_client(self, group: Any) -> SceneClient | None:
+        node = self._node
+        if not node.get_parameter("use_planning_scene").value:
+            return None
+        links = tuple(str(link) for link in node.get_parameter("hand_links").value if link)
+        return SceneClient(node, group, links)
 
     def _is_active(self) -> bool:
         return self._owner.is_active

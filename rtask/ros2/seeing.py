@@ -8,13 +8,18 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rtask.client.calling.client import HeldClient
 from rtask.errors import RtaskError
 from rtask.interop.ros.convert import JsonObject, fill, make_message
 from rtask.interop.ros.looking import Look, SeeOptions, SeeRun
 from rtask.interop.ros.operations import Heard, refusal
+from rtask.interop.ros.scene.exchange import SceneExchange
+from rtask.interop.ros.scene.source import SceneSource
 from rtask.interop.ros.schema import REFUSED
-from rtask.interop.ros.showing import SceneChanges, markers
+from rtask.interop.ros.showing import markers
 from rtask.interop.ros.views.newest import Sight
 from rtask.ros2.camera import CameraTopics
 from rtask.ros2.clouds import cloud_json, cloud_of_rows
@@ -48,6 +53,16 @@ class Eyes:
         sight = self._camera.wait(_VIEW_S, since)
         answer, pose = self.perceive(sight)
         return Look.from_json(answer, sight.header.stamp, pose)
+
+    def frames_at(self, stamp: Any) -> Callable[[str], NDArray[np.float64]]:
+        """Return what looks up the pose (4, 4) of a frame at a time, in the frame of the robot."""
+
+        def lookup(frame: str) -> NDArray[np.float64]:
+            if frame == self.frame.lstrip("/"):
+                return np.eye(4)
+            return np.array(self._transforms.lookup(self.frame, frame, stamp).as_matrix())
+
+        return lookup
 
     def perceive(self, sight: Sight[JsonObject], **options: Any) -> tuple[JsonObject, JsonObject]:
         """Return the server's answer to a view, and the pose of its camera."""
@@ -103,11 +118,13 @@ class SeeAction:
     ----------
     heard
         Called with the operation and the answer after each call.
+    scene
+        MoveIt's, which grasps keep clear of; None to leave it aside.
     """
 
     def __init__(
         self, node: Any, eyes: Eyes, client: HeldClient, options: SeeOptions, heard: Heard,
-        group: Any, is_active: Callable[[], bool],
+        group: Any, is_active: Callable[[], bool], scene: SceneSource | None = None,
     ) -> None:  # fmt: skip
         from rclpy.action import ActionServer, CancelResponse, GoalResponse
         from rtask_msgs.action import See
@@ -115,14 +132,14 @@ class SeeAction:
         self._eyes, self._client, self._options, self._heard = eyes, client, options, heard
         self._lock = threading.Lock()
         self._newest: Any = None
-        self._result = See.Result
+        self.make_result: Callable[[], Any] = See.Result
         kind = type(make_message("visualization_msgs/MarkerArray"))
-        scene = type(make_message("moveit_msgs/PlanningScene"))
+        change = type(make_message("moveit_msgs/PlanningScene"))
         self.publishers = [
             node.create_lifecycle_publisher(kind, "rtask/objects", latched()),
-            node.create_lifecycle_publisher(scene, "rtask/planning_scene", latched()),
+            node.create_lifecycle_publisher(change, "rtask/planning_scene", latched()),
         ]
-        self._scene = SceneChanges(options.frame, make_message)
+        self.scene = SceneExchange(scene, eyes.frames_at, options.frame, make_message)
         self.server = ActionServer(
             node,
             See,
@@ -130,22 +147,33 @@ class SeeAction:
             self._execute,
             callback_group=group,
             goal_callback=lambda goal: GoalResponse.ACCEPT if is_active() else GoalResponse.REJECT,
-            handle_accepted_callback=self._accept,
+            handle_accepted_callback=self.accept,
             cancel_callback=lambda handle: CancelResponse.ACCEPT,
         )
         self._feedback = See.Feedback
 
-    def _accept(self, handle: Any) -> None:
+    def accept(self, handle: Any) -> None:
+        """Begin a goal, of this action or of one that looks as it does; the last one ends."""
         with self._lock:
             self._newest = handle
         handle.execute()
 
     def _execute(self, handle: Any) -> Any:
         """Answer one goal."""
-        goal, result = handle.request, self._result()
+        result = self.make_result()
+        look = self.examine(handle, handle.request, result, handle.publish_feedback)
+        if look is not None:
+            self.show(look, result)
+            handle.succeed()
+        return result
+
+    def examine(
+        self, handle: Any, goal: Any, result: Any, feedback: Callable[[Any], None]
+    ) -> Look | None:
+        """Put each object of a view to the graph; None where the goal ended otherwise."""
         run = SeeRun(
             goal, lambda: self._eyes.look(goal.header.stamp), self._client, self._options,
-            self._make, self._heard,
+            self._make, self._heard, self.scene.obstacles,
         )  # fmt: skip
         run.start()
         while True:
@@ -153,18 +181,17 @@ class SeeAction:
             if item is None:
                 # Only the client's cancel may end as cancelled (actions, state machine).
                 (handle.canceled if handle.is_cancel_requested else handle.abort)()
-                return result
+                return None
             if isinstance(item, RtaskError):
                 setattr(result, REFUSED, refusal(item))
                 handle.abort()
-                return result
+                return None
             if isinstance(item, Look):
-                self._show(item, result)
-                handle.succeed()
-                return result
+                result.status, result.scene_notes = item.status, run.notes
+                return item
             result.header = item.object.header
             result.objects.append(item.object)
-            handle.publish_feedback(item)
+            feedback(item)
 
     def _next(self, run: SeeRun, handle: Any) -> Any:
         """Return the next event of a goal; None when it was cancelled or replaced."""
@@ -181,8 +208,8 @@ class SeeAction:
     def _make(self, type_: str) -> Any:
         return self._feedback() if type_ == "rtask_msgs/SeeFeedback" else make_message(type_)
 
-    def _show(self, look: Look, result: Any) -> None:
-        result.status = look.status
+    def show(self, look: Look, result: Any, target: int | None = None) -> None:
+        """Show rviz and MoveIt the objects of a view, one of them as what is to be grasped."""
         shown, scene = self.publishers
         shown.publish(markers(result, self._options.frame, make_message))
-        scene.publish(self._scene.change(look, result.objects))
+        scene.publish(self.scene.change(look, result.objects, target))

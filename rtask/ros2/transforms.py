@@ -49,6 +49,18 @@ class Transform(NamedTuple):
         i, j, k = _rotated(back, self.move)
         return Transform((-i, -j, -k), back)
 
+    def as_matrix(self) -> list[list[float]]:
+        """Return it as the rows of a (4, 4) matrix.
+
+        >>> Transform((1, 2, 3), (0, 0, 1, 0)).as_matrix()[0]
+        [-1.0, 0.0, 0.0, 1.0]
+        """
+        columns = [_rotated(self.turn, axis) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+        rows = [
+            [float(column[k]) + 0.0 for column in columns] + [float(self.move[k])] for k in range(3)
+        ]
+        return [*rows, [0.0, 0.0, 0.0, 1.0]]
+
     def as_pose(self) -> JsonObject:
         """Return it as geometry_msgs/Pose, of the source in the target."""
         return {

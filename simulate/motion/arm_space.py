@@ -15,6 +15,7 @@ from simulate.motion.collision import (
     body_obstacles,
 )
 from simulate.motion.kinematics import Chain
+from simulate.motion.remembered import PathMemory, arm_version
 from simulate.motion.rrt import plan_path
 from simulate.motion.trajectory import ACCELERATION, Trajectory, time_path
 from simulate.robots.description import Floats, RobotDescription
@@ -52,7 +53,10 @@ class ArmSpace:
         self.robot = robot
         self.furniture = tuple(furniture)
         self.chains = {name: Chain.of(robot, name) for name in robot.arms}
+        self.memory: PathMemory | None = None
+        """Paths that worked, as first guesses; None: each path is planned anew."""
         self._spheres: dict[tuple[str, float], ArmSpheres] = {}
+        self._versions: dict[str, str] = {}
         homes = {
             joint: value
             for arm in robot.arms.values()
@@ -72,6 +76,12 @@ class ArmSpace:
         if key not in self._spheres:
             self._spheres[key] = ArmSpheres.of(self.robot, self.robot.arm(arm), opening)
         return self._spheres[key]
+
+    def version(self, arm: str) -> str:
+        """Return the version of an arm: paths of another version are none of this one's."""
+        if arm not in self._versions:
+            self._versions[arm] = arm_version(self.robot, arm, self.spheres(arm, 1.0))
+        return self._versions[arm]
 
     def surroundings(
         self, arm: str, table_height: float, obstacles: Sequence[Obstacle | PointField]
@@ -132,7 +142,12 @@ class ArmSpace:
             return np.asarray(within & (spheres.clearances(q, around, slack) >= margin))
 
         rng = np.random.default_rng((seed, _PURPOSE_PATH))
-        corners = plan_path(start, goal, chain.lower, chain.upper, is_free, rng)
+        if self.memory is None:
+            corners = plan_path(start, goal, chain.lower, chain.upper, is_free, rng)
+        else:
+            limits = (chain.lower, chain.upper)
+            version = self.version(arm)
+            corners = self.memory.plan(version, (start, goal), limits, is_free, rng)
         if isinstance(corners, str):
             return corners
         return time_path(corners, speed * chain.velocity, acceleration, is_free)

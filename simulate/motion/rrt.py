@@ -6,7 +6,7 @@ that the same request always has the same result.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from simulate.robots.description import Floats
 
-__all__ = ["PlanOptions", "edge_is_free", "plan_path", "shortcut"]
+__all__ = ["PlanOptions", "edge_is_free", "plan_path", "search", "shortcut", "trivial_path"]
 IsFree = Callable[[Floats], NDArray[np.bool_]]
 """Takes postures (b, dof) rad, returns (b,) bool."""
 
@@ -65,16 +65,26 @@ def plan_path(
         The corners of the path, or the reason code ``rrt_start``, ``rrt_goal``, ``rrt_time``.
     """
     options = options or PlanOptions()
+    trivial = trivial_path(start, goal, is_free, options)
+    if trivial is not None:
+        return trivial
+    for path in search(start, goal, lower, upper, is_free, rng, options):
+        if path is not None:
+            return shortcut(path, is_free, rng, options)
+    return "rrt_time"
+
+
+def trivial_path(
+    start: Floats, goal: Floats, is_free: IsFree, options: PlanOptions
+) -> Floats | str | None:
+    """Return the straight path, the reason why there can be none, or None: a search is needed."""
     if not is_free(start[None])[0]:
         return "rrt_start"
     if not is_free(goal[None])[0]:
         return "rrt_goal"
     if edge_is_free(start, goal, is_free, options.resolution):
         return np.stack([start, goal])
-    path = _connect(start, goal, lower, upper, is_free, rng, options)
-    if path is None:
-        return "rrt_time"
-    return shortcut(path, is_free, rng, options)
+    return None
 
 
 class _Tree:
@@ -109,7 +119,7 @@ class _Tree:
         return branch
 
 
-def _connect(
+def search(
     start: Floats,
     goal: Floats,
     lower: Floats,
@@ -117,21 +127,23 @@ def _connect(
     is_free: IsFree,
     rng: np.random.Generator,
     options: PlanOptions,
-) -> Floats | None:
+) -> Generator[Floats | None]:
+    """Grow the two trees; yield None after each step, and at last the path (k, dof), if any.
+
+    So another way to find a path can take turns with it (:mod:`simulate.motion.remembered`).
+    """
     trees = [_Tree(start, 512), _Tree(goal, 512)]
     for iteration in range(options.iterations):
         grown, other = trees[iteration % 2], trees[1 - iteration % 2]
         sample = lower + rng.random(len(start)) * (upper - lower)
         new = _extend(grown, sample, is_free, options)
-        if new is None:
-            continue
-        target = grown.node(new)
-        reached = _grow_to(other, target, is_free, options)
-        if reached is not None:
+        reached = None if new is None else _grow_to(other, grown.node(new), is_free, options)
+        if new is not None and reached is not None:
             here, there = grown.branch(new), other.branch(reached)
             forward = here[::-1] + there[1:]
-            return np.array(forward if iteration % 2 == 0 else forward[::-1])
-    return None
+            yield np.array(forward if iteration % 2 == 0 else forward[::-1])
+            return
+        yield None
 
 
 def _extend(tree: _Tree, target: Floats, is_free: IsFree, options: PlanOptions) -> int | None:

@@ -20,7 +20,9 @@ State = Literal["compared", "shown", "done differently", "not applicable"]
 _MATERIAL = {
     "simulate.thesis.runs.beyond": "",
     "simulate.thesis.runs.calibration": "rendered chessboards",
+    "simulate.thesis.runs.environment": "a lab without dynamics",
     "simulate.thesis.runs.features": "simulated tables",
+    "simulate.thesis.runs.images": "simulated products",
     "simulate.thesis.runs.learners": "a world of two rooms",
     "simulate.thesis.runs.model": "simulated products",
     "simulate.thesis.runs.poses": "simulated products",

@@ -172,6 +172,7 @@ def test_a_server_behind_a_proxy_starts_once_the_recommended_token_is_made(
         pass
 
 
+@pytest.mark.deep
 @pytest.mark.skipif(OXIGRAPH is None, reason="needs the command oxigraph")
 def test_so_does_one_whose_statements_are_on_another_server(
     run: Callable[[str], Ran], tmp_path: Path

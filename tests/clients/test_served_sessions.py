@@ -31,13 +31,20 @@ RT = ontology.NS
 
 
 def same_tests(*modules: ModuleType) -> list[Any]:
-    """Return the tests of other modules that need a knowledge base and nothing else."""
+    """Return the tests of other modules that need a knowledge base and nothing else.
+
+    Of each module every third runs always: over an address a test takes ten times as long, and all
+    of them go through the same few requests.
+    """
     found = []
     for module in modules:
+        count = 0
         for name, test in inspect.getmembers(module, inspect.isfunction):
             needs = set(inspect.signature(test).parameters)
             if name.startswith("test_") and len(needs) == 1 and needs <= {"kb", "lab", "still_lab"}:
-                found.append(pytest.param(test, *needs, id=name.removeprefix("test_")))
+                marks = () if count % 3 == 0 else pytest.mark.deep
+                found.append(pytest.param(test, *needs, id=name.removeprefix("test_"), marks=marks))
+                count += 1
     return found
 
 

@@ -63,7 +63,7 @@ def server() -> Iterator[RunningServer]:
         yield running
 
 
-@pytest.fixture(params=["threads", "processes", "server"])
+@pytest.fixture(scope="module", params=["threads", "processes", "server"])
 def executor(request: pytest.FixtureRequest, server: RunningServer) -> Iterator[Executor]:
     if request.param == "server":
         with ServerExecutor(server.url, workers=2) as made:

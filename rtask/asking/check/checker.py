@@ -11,6 +11,7 @@ from rtask.asking.check.faults import Faults
 from rtask.asking.check.findings import Finding, in_order
 from rtask.asking.check.fitting import Fitting
 from rtask.asking.check.literals import check_literals
+from rtask.asking.check.naming.aliases import name_by_aliases
 from rtask.asking.check.syntax.outline import Outline
 from rtask.asking.check.syntax.reading import read_outline
 from rtask.asking.check.unknown import Unknown
@@ -72,10 +73,11 @@ class Checker:
     def _findings(self, outline: Outline) -> Iterator[Finding]:
         vocabulary = self.vocabulary
         self._evidence.refresh()
+        name_by_aliases(outline, vocabulary)
         fitting = Fitting(vocabulary, self._evidence, outline)
         yield from Unknown(self._kb, fitting, outline).findings()
         faults = Faults(fitting, outline)
-        yield from check_literals(outline, vocabulary, faults.replacements)
+        yield from check_literals(outline, vocabulary, self._evidence, faults.replacements)
         yield from faults.findings()
         yield from check_variables(outline)
 

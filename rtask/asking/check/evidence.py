@@ -23,6 +23,7 @@ __all__ = ["Evidence"]
 MAX_ROWS, MIN_ROWS = 24, 12
 MIN_KINDS = 2
 MAX_ENDS = 30
+_MANY = 500
 _MOST = 20_000
 
 
@@ -117,11 +118,36 @@ class Evidence:
             self._kinds_of[term] = kinds
         return kinds
 
+    def languages(self, iri: str, text: str) -> list[str]:
+        """Return the languages in which a text is a value of a property, among those that it has.
+
+        Only languages that the first values of the property show are looked for.
+        """
+        first = islice(self._quads(None, NamedNode(iri), None, None), _MANY)
+        tags = {
+            quad.object.language
+            for quad in first
+            if isinstance(quad.object, Literal) and quad.object.language
+        }
+        return sorted(
+            language
+            for language in tags
+            if next(self._quads(None, NamedNode(iri), Literal(text, language=language), None), None)
+        )
+
     def has_kind(self, edge: Edge, at: int, bits: int, vocabulary: Vocabulary) -> bool:
         """Return whether a thing at an end of a pattern is, or may be, in one of some classes."""
         first = self._first(edge)
         kinds = (kind for term in first.ends(at) for kind in self._kinds(term, vocabulary))
         return not first.is_all or any(vocabulary.bit[kind] & bits for kind in kinds)
+
+    def kinds_at(self, edge: Edge, at: int, vocabulary: Vocabulary) -> frozenset[str]:
+        """Return the most specific classes of the terms that a pattern first has at an end."""
+        return frozenset(
+            kind
+            for term in self._first(edge).ends(at)
+            for kind in vocabulary.most_specific(self._kinds(term, vocabulary))
+        )
 
     def ends_of(self, iri: str, at: int, vocabulary: Vocabulary) -> int | None:
         """Return the bits of the classes of all subjects, or values, of a property.

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from rtask.asking.check.by_constants import ByConstants
 from rtask.asking.check.by_data import ByData
+from rtask.asking.check.by_paths import ByPaths
 from rtask.asking.check.by_terms import ByTerms
 from rtask.asking.check.findings import Finding, Repair, Severity
 from rtask.asking.check.fitting import Fitting, reversed_edge
@@ -48,13 +49,13 @@ class Faults:
         """
         parts = (self._fitting, self._repairs, self._blamed)
         constants, data, names = ByConstants(*parts), ByData(*parts), ByNames(*parts)
-        terms, words = ByTerms(*parts), ByWords(*parts)
+        terms, words, paths = ByTerms(*parts), ByWords(*parts), ByPaths(*parts)
         sound = self._evidence.sound
         keys = [(hash(context.key), context) for context in self._fitting.contexts]
         left = [(key, context) for key, context in keys if key not in sound]
         for look in (
-            self._conflicts, constants.findings, terms.findings, data.findings, names.turned,
-            names.unusual, names.better, words.findings,
+            self._conflicts, paths.findings, constants.findings, terms.findings, data.findings,
+            names.turned, names.unusual, names.better, words.findings,
         ):  # fmt: skip
             for _, context in left:
                 yield from look(context)

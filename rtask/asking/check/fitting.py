@@ -70,6 +70,19 @@ class _Need:
             return False
         return not types or all(overlap(types, others) for others in self.datatypes)
 
+    def share_of(self, given: int | None, types: frozenset[str]) -> float:
+        """Return which share of some classes is as demanded; 0 where either is not known."""
+        if types:
+            families = {family(kind) for kind in types}
+            needed = {family(kind) for kinds in self.datatypes for kind in kinds}
+            return 0.5 if needed and families <= needed else 0.0
+        if given is None or not self.bits:
+            return 0.0
+        met = given
+        for bits in self.bits:
+            met &= bits
+        return met.bit_count() / given.bit_count()
+
 
 def _may_equal(datatype: str, types: frozenset[str]) -> bool:
     """Return whether a literal of a datatype may be among values of some: 3 among counts."""
@@ -166,6 +179,17 @@ class Fitting:
                 fitting += iris
         return fitting
 
+    def aptness(self, iri: str, about: Node, value: Node, beside: dict[str, list[Demand]]) -> float:
+        """Return how much of what a property is for is what its ends must be, from 0 to 2.
+
+        Of two that fit, the one made for hands is meant of a hand, not the one for all things.
+        """
+        axioms = self.vocabulary.properties[iri]
+        needs = _Need.of(about, beside), _Need.of(value, beside)
+        return needs[0].share_of(axioms.domain, _NONE) + needs[1].share_of(
+            axioms.range, axioms.types
+        )
+
     def is_attested(self, edge: Edge, context: Context) -> bool:
         """Return whether the graph has what a pattern says, together with others beside it."""
         meets = self.meets(edge, context)
@@ -236,9 +260,9 @@ class Fitting:
         value = edge.subject if step.is_inverse else edge.object
         about = edge.object if step.is_inverse else edge.subject
         if value.kind == "variable":
-            merit += 2.0 * affinity(value.value, step.node.value, self.vocabulary)
+            merit += 2.0 * affinity(value.name, step.node.value, self.vocabulary)
         if about.kind == "variable":
-            merit += 0.4 * affinity(about.value, step.node.value, self.vocabulary)
+            merit += 0.4 * affinity(about.name, step.node.value, self.vocabulary)
         if not self.evidence.matches(edge):
             return merit
         merit += 0.6
@@ -274,7 +298,9 @@ def replaced(edge: Edge, node: Node, iri: str) -> Edge:
 
 
 def _changed(edge: Edge, subject: Node, steps: list[Step], value: Node) -> Edge:
-    return Edge(subject, steps, value, edge.start, edge.end, edge.is_loose, edge.is_path)
+    return Edge(
+        subject, steps, value, edge.start, edge.end, edge.is_loose, edge.is_path, edge.repeats
+    )
 
 
 def is_written_once(edge: Edge, other: Edge) -> bool:

@@ -6,6 +6,8 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
+import ontology
+from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.findings import Edit, Finding, Repair
 from rtask.asking.check.repairs import turned_edits
 from rtask.asking.check.syntax.outline import Edge, Node, Outline
@@ -15,11 +17,15 @@ from rtask.asking.check.vocabulary import Property, Vocabulary, local
 __all__ = ["check_literals"]
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_TEXTS = {ontology.PREFIXES["rdfs"] + name for name in ("label", "comment")}
 _DATE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d+)?(?:Z|[+-]\d\d:\d\d)")
 
 
 def check_literals(
-    outline: Outline, vocabulary: Vocabulary, others: Callable[[Edge], list[Repair]]
+    outline: Outline,
+    vocabulary: Vocabulary,
+    evidence: Evidence,
+    others: Callable[[Edge], list[Repair]],
 ) -> Iterator[Finding]:
     """Yield the constants of a query that the values of their property can never equal.
 
@@ -33,7 +39,7 @@ def check_literals(
             continue
         for edge in group.edges:
             if len(edge.steps) == 1 and not edge.is_loose:
-                for finding in _constant(edge, vocabulary):
+                for finding in (*_constant(edge, vocabulary), *_label(edge, evidence)):
                     repairs = finding.repairs or tuple(others(edge))
                     yield replace(finding, repairs=repairs)
 
@@ -62,6 +68,29 @@ def _constant(edge: Edge, vocabulary: Vocabulary) -> Iterator[Finding]:
         yield Finding("thing-expected", "certain", value.start, value.end, words)
         return
     yield from _datatype(value, axioms, name)
+
+
+def _label(edge: Edge, evidence: Evidence) -> Iterator[Finding]:
+    """Yield the fault of a label that is a number, or lacks the language of those in the graph."""
+    (step,) = edge.steps
+    value = edge.ends[0 if step.is_inverse else 1]
+    if value.kind != "literal" or step.node.value not in _TEXTS:
+        return
+    name = local(step.node.value)
+    if family(value.datatype) != "text":
+        words = f"the values of {name} are texts, never a number or the like"
+        text = value.value.replace("\\", "\\\\").replace('"', '\\"')
+        repair = Repair(f'write "{text}"', (Edit(value.start, value.end, f'"{text}"'),))
+        yield Finding("wrong-datatype", "likely", value.start, value.end, words, (repair,))
+    elif not value.datatype.endswith("langString") and not evidence.matches(edge):
+        languages = evidence.languages(step.node.value, value.value)
+        repairs = [
+            Repair(f"add @{language}", (Edit(value.end, value.end, f"@{language}"),))
+            for language in languages
+        ]
+        if repairs:
+            words = f"every {name} of this text has a language, so that the text alone equals none"
+            yield Finding("no-language", "likely", value.start, value.end, words, tuple(repairs))
 
 
 def _datatype(value: Node, axioms: Property, name: str) -> Iterator[Finding]:

@@ -21,6 +21,7 @@ _NS = ontology.NS
 _OFFERED = 3
 _TRIED = 12
 _NAMED, _NAMED_SO = 0.6, 0.8
+_APT = 0.7
 
 
 def turned_edits(step: Step) -> tuple[Edit, ...]:
@@ -68,7 +69,7 @@ class Repairs:
         fitting: list[tuple[float, str]] = []
         usual = self._fitting.usual
         named = [
-            (weight, affinities(end.value, self._vocabulary))
+            (weight, affinities(end.name, self._vocabulary))
             for weight, end in ((0.4, about), (2.0, value))
             if end.kind == "variable"
         ]
@@ -78,6 +79,7 @@ class Repairs:
                 continue
             rating = 0.3 * likeness(self._vocabulary.lowered[iri], name) + 0.2 * iri.startswith(_NS)
             rating += 0.9 * usual.get(iri, 0.0)
+            rating += _APT * self._fitting.aptness(iri, about, value, beside)
             for weight, fit in named:
                 rating += weight * fit.get(iri, 0.0)
             if kinds and kinds & (self._vocabulary.properties[iri].range or 0):
@@ -90,11 +92,26 @@ class Repairs:
             rated.append((names - self._fitting.merit(changed, context), iri))
         return [self.written_as(node, iri) for _, iri in sorted(rated)[:_OFFERED]]
 
+    def repeating(self, edge: Edge, context: Context) -> list[Repair]:
+        """Return the properties of a path that fit there and whose values may have them, too."""
+        (step,) = edge.steps
+        about, value = edge.ends[:: -1 if step.is_inverse else 1]
+        beside = self._fitting.beside(edge, context)
+        rated = []
+        for iri in self._fitting.fitting_properties(about, value, beside):
+            axioms = self._vocabulary.properties[iri]
+            if iri == step.node.value or axioms.relates_things is not True:
+                continue
+            if axioms.domain and axioms.range and axioms.domain & axioms.range:
+                changed = replaced(edge, step.node, iri)
+                rated.append((-self._fitting.merit(changed, context), iri))
+        return [self.written_as(step.node, iri) for _, iri in sorted(rated)[:_OFFERED]]
+
     def _kinds_named(self, node: Node) -> int:
         """Return the bits of the classes that a variable is called like."""
         if node.kind != "variable":
             return 0
-        return kinds_of_word(head_of(node.value), self._vocabulary)
+        return kinds_of_word(head_of(node.name), self._vocabulary)
 
     def has_attested(self, edge: Edge, context: Context, wish: Demand) -> bool:
         """Return whether the graph has, with another property, what a pattern is wished to be."""
@@ -122,7 +139,7 @@ class Repairs:
         """Return the classes among some that a variable may be said to be of."""
         node = edge.object
         kinds = self._vocabulary.most_general(bits)
-        variable = edge.subject.value
+        variable = edge.subject.name
         rated = []
         for iri in {*kinds, *(name for name in self._vocabulary.names(bits))}:
             rating = affinity(variable, iri, self._vocabulary)
@@ -159,8 +176,8 @@ class Repairs:
         beside = self._fitting.beside(edge, context)
         about = edge.ends[1 if step.is_inverse else 0]
         rated = []
-        for iri in properties_named(value.value, self._vocabulary):
-            rating = affinity(value.value, iri, self._vocabulary)
+        for iri in properties_named(value.name, self._vocabulary):
+            rating = affinity(value.name, iri, self._vocabulary)
             if rating < _NAMED or iri == step.node.value:
                 continue
             known = self._vocabulary.properties[iri]

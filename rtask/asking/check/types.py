@@ -83,12 +83,15 @@ class Context:
         Terms that VALUES gives to variables.
     compared
         Variables that expressions read as values, and what they are read as.
+    is_tested
+        Whether only its matching or failing counts: EXISTS, NOT EXISTS and MINUS.
     """
 
     own: list[Edge]
     around: list[Edge]
     columns: dict[str, list[Node]] = field(default_factory=dict)
     compared: list[tuple[Node, str]] = field(default_factory=list)
+    is_tested: bool = False
     _edges: list[Edge] = field(default_factory=list, init=False, repr=False)
     _at: dict[str, list[Edge]] = field(default_factory=dict, init=False, repr=False)
     _touching: dict[tuple[str, str], list[Edge]] = field(
@@ -110,7 +113,7 @@ class Context:
         )
         compared = (f"{node.value} {kind}" for node, kind in self.compared)
         edges = (edge.pattern for edge in self.edges)
-        return "\f".join((str(len(self.around)), *edges, *columns, *compared))
+        return "\f".join((f"{len(self.around)} {self.is_tested:d}", *edges, *columns, *compared))
 
     def having(self, variable: str) -> list[Edge]:
         """Return the patterns that have a variable at an end."""
@@ -161,6 +164,7 @@ def read_demands(context: Context, names: Collection[str]) -> Iterator[Demand]:
 def contexts(group: Group, around: Context | None = None) -> Iterator[Context]:
     """Yield the context of a group, and those of the groups in it that need not match."""
     own = Context([], around.edges if around else [], dict(around.columns) if around else {})
+    own.is_tested = group.role in ("minus", "exists")
     if around is not None and group.role != "minus":
         own.compared += around.compared
     apart: list[Group] = []
@@ -204,11 +208,30 @@ class Demands:
         subject = Demand(edge, 0, *_either([first[0] for first in ends]))
         value = Demand(edge, 1, *_either([first[1] for first in ends]))
         if edge.is_loose:  # it may be of length zero; one that can never begin is of no use
-            value.bits, value.is_thing, value.datatypes = None, None, frozenset()
+            value.bits = self._reached(value, edge, context)
+            value.is_thing, value.datatypes = None, frozenset()
         elif self._evidence is not None and len(edge.steps) == 1:
             for demand in (subject, value):
                 self._observe(demand, self._evidence)
         return subject, value
+
+    def _reached(self, value: Demand, edge: Edge, context: Context) -> int | None:
+        """Return the classes of what a path may reach: those of its values, or of where it begins.
+
+        None where others say nothing of where it begins.
+        """
+        if value.bits is None or edge.subject.kind != "variable":
+            return None
+        start: int | None = None
+        for other in context.having(edge.subject.value):
+            if other is edge or other.is_loose:
+                continue
+            for demand in self.of(other, context) or ():
+                if demand.node.value == edge.subject.value and demand.bits is not None:
+                    if demand.is_observed:
+                        return None
+                    start = demand.bits if start is None else start & demand.bits
+        return value.bits | start if start is not None else None
 
     def _observe(self, demand: Demand, evidence: Evidence) -> None:
         """Fill in the classes of an end about which the ontology says nothing."""

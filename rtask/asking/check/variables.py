@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from rtask.asking.check.findings import Edit, Finding, Repair
-from rtask.asking.check.naming.names import likeness
+from rtask.asking.check.naming.names import likeness, words_of
 from rtask.asking.check.syntax.outline import Group, Node, Outline
 from rtask.rdf.terms import RDF_TYPE
 
@@ -177,10 +177,40 @@ def _is_slip(name: str, other: str) -> bool:
 
 
 def _differs_little(name: str, other: str) -> bool:
-    """Return whether two names look like two spellings, not like a numbered or longer one."""
-    if name.rstrip("0123456789") == other.rstrip("0123456789") and name[-1:].isdigit():
-        return other[-1:].isdigit() is False
-    return abs(len(name) - len(other)) <= 2
+    """Return whether two names are two spellings of one, by a letter or two of a long name.
+
+    A number behind a name tells two things apart, and so does a word: ``?frame2`` is another.
+
+    >>> _differs_little("rbot", "robot"), _differs_little("frame2", "frame")
+    (True, False)
+    >>> _differs_little("viewOf", "view"), _differs_little("reocgnitionn", "recognition")
+    (False, True)
+    """
+    if name.strip("0123456789") == other.strip("0123456789"):
+        return False
+    if len(words_of(name)) != len(words_of(other)):
+        return False
+    longest = max(len(name), len(other))
+    return _distance(name.lower(), other.lower()) <= (1 if longest < 9 else 2)
+
+
+def _distance(name: str, other: str) -> int:
+    """Return how many letters to leave out, add, change or swap with a neighbour, from 0 to 3.
+
+    The optimal string alignment distance; what is more than 2 is 3.
+    """
+    if abs(len(name) - len(other)) > 2:
+        return 3
+    rows = [list(range(len(other) + 1))]
+    for i, letter in enumerate(name, start=1):
+        row = [i]
+        for j, mate in enumerate(other, start=1):
+            cost = min(row[j - 1] + 1, rows[-1][j] + 1, rows[-1][j - 1] + (letter != mate))
+            if i > 1 and j > 1 and (letter, name[i - 2]) == (other[j - 2], mate):
+                cost = min(cost, rows[-2][j - 2] + 1)
+            row.append(cost)
+        rows.append(row)
+    return min(rows[-1][-1], 3)
 
 
 def _renamed(node: Node, name: str) -> tuple[Repair, ...]:

@@ -72,11 +72,13 @@ def node(
 ) -> None:
     """Offer the operations of a server in ROS 1, until Ctrl-C.
 
-    Services rtask/<operation> and rtask/segment; topics rtask/grasps, rtask/objects and
-    rtask/changes; the action rtask/see, which looks at the clouds on ~points, or at the depth on
-    ~depth with ~image and ~camera_info. REMAPS are arguments of ROS:
-    ~points:=/camera/depth_registered/points, __ns:=/robot, _table_height:=0.7. Private parameters:
-    ~url, ~frame, ~gripper_id, ~table_height, ~min_confidence.
+    Services rtask/<operation> and rtask/segment; topics rtask/grasps, rtask/objects,
+    rtask/planning_scene and rtask/changes; the action rtask/see, which looks at the clouds on
+    ~points, or at the depth on ~depth with ~image and ~camera_info; the action
+    rtask/sample_grasp_poses for the MoveIt Task Constructor. Grasps keep clear of MoveIt's planning
+    scene, if there is one. REMAPS are arguments of ROS: ~points:=/camera/depth_registered/points,
+    __ns:=/robot, _table_height:=0.7. Private parameters: ~url, ~frame, ~gripper_id, ~table_height,
+    ~min_confidence, ~use_planning_scene, ~hand_links, ~grasp_target.
     """
     import rtask
     from rtask.interop.ros.find import use_ros
@@ -112,14 +114,19 @@ def _serve(ros_node: RosNode, schema: Schema, client: Client, options: SeeOption
     import rospy
 
     from rtask.interop.ros.changes import ChangeTopic
-    from rtask.interop.ros.seeing import Eyes, SeeAction, SegmentService
+    from rtask.interop.ros.scene.rospy_client import scene_source
+    from rtask.interop.ros.seeing import Eyes, SampleAction, SeeAction, SegmentService
     from rtask.interop.ros.services import BestGrasps, OperationServices
 
     best = BestGrasps()
     OperationServices(schema, client, best.heard)
     eyes = Eyes(options.frame)
     SegmentService(eyes)
-    action = SeeAction(eyes, client, options, best.heard)
+    scene = None
+    if _parameter("use_planning_scene", bool) is not False:
+        scene = scene_source(tuple(_parameter("hand_links", list) or ()))
+    action = SeeAction(eyes, client, options, best.heard, scene)
+    sampling = SampleAction(action, lambda: _parameter("grasp_target", str) or "")
     ChangeTopic(client.follow)
 
     last = [rospy.Time.now()]
@@ -130,6 +137,7 @@ def _serve(ros_node: RosNode, schema: Schema, client: Client, options: SeeOption
             eyes.transforms.clear()
             eyes.camera.forget()
             action.forget()
+            sampling.forget()
             rospy.logwarn("the time jumped back by %.1f s", (last[0] - now).to_sec())
         last[0] = now
         if client.waiting:

@@ -9,13 +9,16 @@ import queue
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from rtask.errors import RtaskError
 from rtask.interop.ros.convert import JsonObject, Make, fill, stamp_json
 from rtask.interop.ros.operations import Caller, Heard, refusal
 
-__all__ = ["Board", "Look", "SeeOptions", "SeeRun", "ViewedObject"]
+__all__ = ["Board", "Look", "Obstacles", "SeeOptions", "SeeRun", "ViewedObject"]
+
+_MAX_POINTS = 500
+"""Most points of neighbours in a request."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,19 @@ class Board:
 
     pose: JsonObject
     size: tuple[float, float, float]
+
+
+class Obstacles(Protocol):
+    """What stands around beside what the camera sees, at the time of a view."""
+
+    @property
+    def notes(self) -> list[str]:
+        """What of it does not count, in words."""
+
+    def near(
+        self, pose: Any, size: tuple[float, float, float], support_height: float, most: int
+    ) -> list[list[float]]:
+        """Return points (n, 3), m, near the box of an object, nearest first."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +159,8 @@ class SeeRun:
         Makes empty messages.
     heard
         Called with the operation and the answer after each call.
+    obstacles
+        Returns what else stands around; None if nobody says. Where it raises, nothing is asked.
     """
 
     def __init__(
@@ -153,8 +171,11 @@ class SeeRun:
         options: SeeOptions,
         make: Make,
         heard: Heard,
+        obstacles: Callable[[Look], Obstacles | None] = lambda look: None,
     ) -> None:
         self.events: queue.Queue[Any] = queue.Queue()
+        self.notes: list[str] = []
+        self._obstacles = obstacles
         self._goal, self._look, self._client = goal, look, client
         self._options, self._make, self._heard = options, make, heard
         self._cancelled = threading.Event()
@@ -171,12 +192,14 @@ class SeeRun:
     def _work(self) -> None:
         try:
             look = self._look()
+            around = self._obstacles(look) if look.objects else None
+            self.notes = [] if around is None else around.notes
             for number, viewed in enumerate(look.objects, start=1):
                 if self._cancelled.is_set():
                     return
                 feedback = self._make("rtask_msgs/SeeFeedback")
                 feedback.number, feedback.count = number, len(look.objects)
-                feedback.object = self._ask(look, viewed, number)
+                feedback.object = self._ask(look, viewed, number, around)
                 self.events.put(feedback)
             self.events.put(look)
         except RtaskError as error:
@@ -185,7 +208,7 @@ class SeeRun:
             # Whatever ended this thread must not leave the goal without an end.
             self.events.put(RtaskError("the view could not be examined; see the log of the node"))
 
-    def _ask(self, look: Look, viewed: ViewedObject, number: int) -> Any:
+    def _ask(self, look: Look, viewed: ViewedObject, number: int, around: Obstacles | None) -> Any:
         """Return what the graph knows of one object; an error of the server is part of it."""
         make = self._make
         seen = make("rtask_msgs/SeenObject")
@@ -194,7 +217,8 @@ class SeeRun:
         fill(seen.pose, viewed.pose, make)
         seen.size.x, seen.size.y, seen.size.z = viewed.size
         try:
-            answer = self._client.call("recognise_for_grasp", **self._request(look, viewed))
+            request = self._request(look, viewed, around)
+            answer = self._client.call("recognise_for_grasp", **request)
         except RtaskError as error:
             seen.task_response, seen.error = "error", refusal(error)
             return seen
@@ -208,18 +232,23 @@ class SeeRun:
         seen.grasps = [fill(make("moveit_msgs/Grasp"), grasp, make) for grasp in answer["grasps"]]
         return seen
 
-    def _request(self, look: Look, viewed: ViewedObject) -> JsonObject:
+    def _request(self, look: Look, viewed: ViewedObject, around: Obstacles | None) -> JsonObject:
         options, goal = self._options, self._goal
         table = options.table_height
+        support = look.table_height if table is None else table
+        neighbours = viewed.neighbours
+        if around is not None:
+            left = _MAX_POINTS - len(neighbours)
+            neighbours = [*neighbours, *around.near(viewed.pose, viewed.size, support, left)]
         asked: JsonObject = {
             "gripper_id": goal.gripper_id or options.gripper_id,
             "data": viewed.data,
             "sensor_pose": look.sensor_pose,
             "frame_id": options.frame,
-            "support_height": look.table_height if table is None else table,
+            "support_height": support,
             "stamp": stamp_json(look.stamp),
             "propose": bool(goal.propose),
-            "neighbours": viewed.neighbours,
+            "neighbours": neighbours,
         }
         least = [*goal.min_confidence, options.min_confidence][0]
         optional = {

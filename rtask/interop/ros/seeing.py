@@ -6,8 +6,12 @@ Also the service ``rtask/segment``, and what shows rviz and MoveIt what was seen
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from features.geometry import Frame
 from features.perception import Perceived, perceive
@@ -17,13 +21,16 @@ from rtask.interop.ros.convert import fill, make_message
 from rtask.interop.ros.looking import Look, SeeOptions, SeeRun
 from rtask.interop.ros.operations import Caller, Heard, refusal
 from rtask.interop.ros.perceived import box_of, look_of, points_of
+from rtask.interop.ros.sampling import ACTION, candidates, sampling_goal, target_of
+from rtask.interop.ros.scene.exchange import SceneExchange
+from rtask.interop.ros.scene.source import SceneSource
 from rtask.interop.ros.services import service_type
-from rtask.interop.ros.showing import SceneChanges, markers
+from rtask.interop.ros.showing import markers
 from rtask.interop.ros.transforms import Transforms
 from rtask.interop.ros.views.camera import CameraTopics
 from rtask.interop.ros.views.newest import Sight
 
-__all__ = ["Eyes", "SeeAction", "SegmentService"]
+__all__ = ["Eyes", "SampleAction", "SeeAction", "SegmentService"]
 
 log = logging.getLogger(__name__)
 
@@ -66,6 +73,16 @@ class Eyes:
             Nothing came, TF does not say where the camera was, or it shows no picture.
         """
         return self.view(self.camera.wait(_VIEW_S, since))
+
+    def frames_at(self, stamp: Any) -> Callable[[str], NDArray[np.float64]]:
+        """Return what looks up the pose (4, 4) of a frame at a time, in the frame of the robot."""
+
+        def lookup(frame: str) -> NDArray[np.float64]:
+            if frame == self.frame.lstrip("/"):
+                return np.eye(4)
+            return self.transforms.lookup(self.frame, frame, stamp)
+
+        return lookup
 
     def view(self, sight: Sight[Frame]) -> View:
         """Return what a view shows; raises as :meth:`look` does."""
@@ -118,44 +135,63 @@ class SeeAction:
     ----------
     heard
         Called with the operation and the answer after each call.
+    scene
+        MoveIt's, which grasps keep clear of; None to leave it aside.
     """
 
-    def __init__(self, eyes: Eyes, client: Caller, options: SeeOptions, heard: Heard) -> None:
-        import actionlib
+    def __init__(
+        self,
+        eyes: Eyes,
+        client: Caller,
+        options: SeeOptions,
+        heard: Heard,
+        scene: SceneSource | None = None,
+    ) -> None:
         import rospy
         from visualization_msgs.msg import MarkerArray
 
         self._eyes, self._client, self._options, self._heard = eyes, client, options, heard
         self._markers = rospy.Publisher("rtask/objects", MarkerArray, queue_size=1, latch=True)
-        scene = type(make_message("moveit_msgs/PlanningScene"))
-        self._topic = rospy.Publisher("rtask/planning_scene", scene, queue_size=1, latch=True)
-        self._scene = SceneChanges(eyes.frame, make_message)
+        change = type(make_message("moveit_msgs/PlanningScene"))
+        self._topic = rospy.Publisher("rtask/planning_scene", change, queue_size=1, latch=True)
+        self._scene = SceneExchange(scene, eyes.frames_at, eyes.frame, make_message)
         self._run: SeeRun | None = None
-        kind = type(make_message("rtask_msgs/SeeAction"))
-        self._server = actionlib.SimpleActionServer("rtask/see", kind, self._execute, False)
-        self._server.register_preempt_callback(self._cancel)
-        self._server.start()
+        self.server = self.serve("rtask/see", "rtask_msgs/SeeAction", self._execute)
+
+    def serve(self, name: str, type_: str, execute: Callable[[Any], None]) -> Any:
+        """Return a started server of an action that looks as this one does."""
+        import actionlib
+
+        server = actionlib.SimpleActionServer(name, type(make_message(type_)), execute, False)
+        server.register_preempt_callback(self._cancel)
+        server.start()
+        return server
 
     def _cancel(self) -> None:
         if self._run is not None:
             self._run.cancel()
 
     def forget(self) -> None:
-        """Forget former goals after a jump back in time.
-
-        actionlib recalls every goal that is older than its last one.
-        """
-        import actionlib
-        import rospy
-
-        server = self._server
-        with server.lock:
-            if not server.is_active():
-                server.current_goal = server.next_goal = actionlib.ServerGoalHandle()
-            server.action_server.last_cancel = rospy.Time()
+        """Forget former goals after a jump back in time."""
+        forget_goals(self.server)
 
     def _execute(self, goal: Any) -> None:
         """Answer one goal."""
+        result = make_message("rtask_msgs/SeeResult")
+        look = self.examine(self.server, goal, result, self.server.publish_feedback)
+        if isinstance(look, Look):
+            self.show(look, result)
+            self.server.set_succeeded(result)
+        elif look is None:
+            self.server.set_preempted(result, "cancelled")
+        else:
+            result.refused = refusal(look)
+            self.server.set_aborted(result, result.refused)
+
+    def examine(
+        self, server: Any, goal: Any, result: Any, feedback: Callable[[Any], None]
+    ) -> Look | RtaskError | None:
+        """Put each object of a view to the graph; None if the goal was cancelled."""
         run = self._run = SeeRun(
             goal,
             lambda: self._eyes.look(goal.header.stamp).as_look(),
@@ -163,29 +199,80 @@ class SeeAction:
             self._options,
             make_message,
             self._heard,
+            self._scene.obstacles,
         )
-        result = make_message("rtask_msgs/SeeResult")
-        if self._server.is_preempt_requested():
+        if server.is_preempt_requested():
             run.cancel()
         run.start()
         while True:
             item = run.events.get()
-            if item is None:
-                self._server.set_preempted(result, "cancelled")
-                return
-            if isinstance(item, RtaskError):
-                result.refused = refusal(item)
-                self._server.set_aborted(result, result.refused)
-                return
+            if item is None or isinstance(item, RtaskError):
+                return item
             if isinstance(item, Look):
-                self._show(item, result)
-                self._server.set_succeeded(result)
-                return
+                result.status, result.scene_notes = item.status, run.notes
+                return item
             result.header = item.object.header
             result.objects.append(item.object)
-            self._server.publish_feedback(item)
+            feedback(item)
 
-    def _show(self, look: Look, result: Any) -> None:
-        result.status = look.status
+    def show(self, look: Look, result: Any, target: int | None = None) -> None:
+        """Show rviz and MoveIt the objects of a view, one of them as what is to be grasped."""
         self._markers.publish(markers(result, self._eyes.frame, make_message))
-        self._topic.publish(self._scene.change(look, result.objects))
+        self._topic.publish(self._scene.change(look, result.objects, target))
+
+
+class SampleAction:
+    """Action ``rtask/sample_grasp_poses``: the grasps of one object as poses with costs.
+
+    Parameters
+    ----------
+    see
+        Which examines the view, and shows MoveIt that the hand may touch the object.
+    target
+        Returns the name of the object where a goal names none; empty for the only one in view.
+    """
+
+    def __init__(self, see: SeeAction, target: Callable[[], str]) -> None:
+        self._see, self._target = see, target
+        self.server = see.serve(ACTION, "rtask_msgs/SampleGraspPosesAction", self._execute)
+
+    def forget(self) -> None:
+        """Forget former goals after a jump back in time."""
+        forget_goals(self.server)
+
+    def _execute(self, goal: Any) -> None:
+        """Answer one goal."""
+        result = make_message("rtask_msgs/SeeResult")
+        answer = make_message("rtask_msgs/SampleGraspPosesResult")
+        asked = sampling_goal(make_message)
+        look = self._see.examine(self.server, asked, result, lambda item: None)
+        if look is None:
+            self.server.set_preempted(answer, "cancelled")
+            return
+        try:
+            if isinstance(look, RtaskError):
+                raise look
+            name = "" if goal.action_name.strip("/").endswith(ACTION) else goal.action_name
+            target = target_of(name or self._target(), result.objects)
+            poses, costs = candidates(result.objects[target])
+        except RtaskError as error:
+            answer.grasp_state = refusal(error)
+            self.server.set_aborted(answer, answer.grasp_state)
+            return
+        self._see.show(look, result, target)
+        feedback = make_message("rtask_msgs/SampleGraspPosesFeedback")
+        feedback.grasp_candidates, feedback.costs = poses, costs
+        self.server.publish_feedback(feedback)
+        answer.grasp_state = f"{len(poses)} grasps of {result.objects[target].name or 'unknown'}"
+        self.server.set_succeeded(answer)
+
+
+def forget_goals(server: Any) -> None:
+    """Forget the former goals of a server: actionlib recalls every one older than its last."""
+    import actionlib
+    import rospy
+
+    with server.lock:
+        if not server.is_active():
+            server.current_goal = server.next_goal = actionlib.ServerGoalHandle()
+        server.action_server.last_cancel = rospy.Time()

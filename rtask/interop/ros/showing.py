@@ -11,6 +11,8 @@ from typing import Any
 
 from rtask.interop.ros.convert import Make, fill
 from rtask.interop.ros.looking import Look
+from rtask.interop.ros.scene.matrix import CollisionMatrix
+from rtask.interop.ros.scene.obstacles import OURS
 
 __all__ = ["TABLE", "SceneChanges", "markers", "scene_id"]
 
@@ -88,21 +90,48 @@ class SceneChanges:
 
     What the view before showed and this one does not is removed; nothing else of the scene is
     touched.
+
+    Parameters
+    ----------
+    hand_links
+        Links of the hand, as MoveIt names them. With them, and where the scene's own matrix of
+        allowed collisions is known, the change carries that matrix: objects may touch the table
+        they stand on, and the hand what it is going to grasp.
     """
 
-    def __init__(self, frame: str, make: Make) -> None:
-        self._frame, self._make = frame, make
+    def __init__(self, frame: str, make: Make, hand_links: Sequence[str] = ()) -> None:
+        self._frame, self._make, self._hand = frame, make, tuple(hand_links)
         self._shown: tuple[str, ...] = ()
+        self._pairs: list[tuple[str, str]] = []
 
-    def change(self, look: Look, objects: Sequence[Any]) -> Any:
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """Names of what the last view put into the scene."""
+        return self._shown
+
+    def change(
+        self,
+        look: Look,
+        objects: Sequence[Any],
+        matrix: CollisionMatrix | None = None,
+        target: int | None = None,
+    ) -> Any:
         """Return the change that shows a view.
+
+        The grasps of each object are told that they may touch it and the table.
 
         Parameters
         ----------
         objects
             ``rtask_msgs/SeenObject`` of each object.
+        matrix
+            Of the scene. MoveIt replaces the whole of it by that of a change, so that without it
+            the change has none.
+        target
+            Place among the objects of the one to be grasped; by default the only one with grasps.
         """
         make, names = self._make, list[str]()
+        former = self._shown
         scene = make("moveit_msgs/PlanningScene")
         scene.is_diff = scene.robot_state.is_diff = True
         shown = []
@@ -110,10 +139,15 @@ class SceneChanges:
             names.append(scene_id(seen.object, seen.label, names))
             size = (seen.size.x, seen.size.y, seen.size.z)
             shown.append(self._box(names[-1], seen.pose, size))
-            shown[-1].type.key, shown[-1].type.db = seen.class_iri, "rtask"
+            shown[-1].type.key, shown[-1].type.db = seen.class_iri, OURS
         if look.table is not None:
             pose = fill(make("geometry_msgs/Pose"), look.table.pose, make)
             shown.append(self._box(TABLE, pose, look.table.size))
+            shown[-1].type.db = OURS
+        supports = [TABLE] if look.table is not None else []
+        for name, seen in zip(names, objects, strict=True):
+            for grasp in seen.grasps:
+                grasp.allowed_touch_objects = [name, *supports]
         ids = tuple(box.id for box in shown)
         gone = [self._named(name, _REMOVE) for name in self._shown if name not in ids]
         for box in (*shown, *gone):
@@ -121,6 +155,15 @@ class SceneChanges:
         scene.world.collision_objects = [*gone, *shown]
         scene.object_colors = list(self._colours(ids))
         self._shown = ids
+        if matrix is not None and self._hand:
+            graspable = [place for place, seen in enumerate(objects) if seen.grasps]
+            if target is None and len(graspable) == 1:
+                target = graspable[0]
+            pairs = [(name, support) for name in names for support in supports]
+            if target is not None:
+                pairs += [(link, names[target]) for link in self._hand]
+            changed = matrix.with_pairs(pairs, self._pairs, set(former) - set(ids))
+            scene.allowed_collision_matrix, self._pairs = changed.message(make), pairs
         return scene
 
     def _named(self, name: str, operation: int) -> Any:

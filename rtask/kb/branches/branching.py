@@ -9,7 +9,7 @@ from typing import Self
 from rtask.errors import ForbiddenError, UsageError
 from rtask.kb.branches.branch import Branch
 from rtask.kb.branches.inference import BranchCommitter, BranchInference
-from rtask.kb.branches.record import BranchRecord
+from rtask.kb.branches.record import MAX_OPEN, MAX_OPEN_EACH, BranchRecord
 from rtask.kb.branches.register import BranchRegister
 from rtask.kb.branches.touched import Touched
 from rtask.kb.commit.access import Access
@@ -74,7 +74,7 @@ class Branching(Writing):
         ConflictError
             There is a branch of this name.
         QueueFullError
-            16 branches are open.
+            16 branches are open, or four of the caller, who is no admin.
         ForbiddenError
             The caller may only read.
         UnsupportedError
@@ -94,15 +94,17 @@ class Branching(Writing):
             else commit_at(self._files, moment(at))
         )
         register = self.branch_register
+        is_free = rights.role == "admin" or rights.of_owner
+        max_own = MAX_OPEN if is_free else MAX_OPEN_EACH
         if seq is None or seq == self.seq:
             register.records()  # raises first where no branch is possible
             with self._writer.exclusive():
-                record = register.make(name, author, self.seq, note, lifetime, True)
+                record = register.make(name, author, self.seq, note, lifetime, True, max_own)
         else:
             if not 0 <= seq <= self.seq:
                 raise UsageError(f"there is no commit {seq}; the last one is {self.seq}")
             self.feed.require_retained(seq)
-            record = register.make(name, author, seq, note, lifetime, False)
+            record = register.make(name, author, seq, note, lifetime, False, max_own)
         return self._opened(record, name is None)
 
     def branches(self) -> list[BranchRecord]:

@@ -13,12 +13,14 @@ from rtask.errors import ForbiddenError, StoreFormatError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.kb.durability.settings import write_durably
 
-__all__ = ["FILE_NAME", "LIFETIME", "MAX_OPEN", "BranchRecord", "require_name"]
+__all__ = ["FILE_NAME", "LIFETIME", "MAX_OPEN", "MAX_OPEN_EACH", "BranchRecord", "require_name"]
 
 FILE_NAME = "branch.json"
 LIFETIME = dt.timedelta(hours=24)
 MAX_OPEN = 16
 """Branches of one graph: each keeps files that the trunk has rewritten since."""
+MAX_OPEN_EACH = 4
+"""Branches of one robot or person who is no admin, so that nobody takes the room of the others."""
 _NAME = re.compile(r"[a-z0-9][a-z0-9._-]{0,63}")
 
 

@@ -10,7 +10,13 @@ from collections.abc import Callable
 
 from rtask.errors import ConflictError, QueueFullError, StoreFormatError, UnknownTermError
 from rtask.kb.branches.files import home_of, make_branch, open_branch, remove_branch
-from rtask.kb.branches.record import LIFETIME, MAX_OPEN, BranchRecord, require_name
+from rtask.kb.branches.record import (
+    LIFETIME,
+    MAX_OPEN,
+    MAX_OPEN_EACH,
+    BranchRecord,
+    require_name,
+)
 from rtask.kb.durability.folder import Files
 from rtask.kb.store.graphs import Graphs
 
@@ -103,15 +109,16 @@ class BranchRegister:
         note: str,
         lifetime: dt.timedelta | None,
         is_head: bool,
+        max_own: int = MAX_OPEN_EACH,
     ) -> BranchRecord:
-        """Make a branch that begins after a commit.
+        """Make a branch that begins after a commit; ``max_own`` is for the author's branches.
 
         Raises
         ------
         ConflictError
             There is a branch of this name.
         QueueFullError
-            As many branches are open as may be.
+            As many branches are open as may be, of all or of this author.
         RtaskError
             As :func:`rtask.kb.branches.files.make_branch`.
         """
@@ -124,6 +131,12 @@ class BranchRegister:
                 raise QueueFullError(
                     f"{len(there)} branches are open, as many as may be; merge or drop one, e.g. "
                     f"{there[0].name!r} of {there[0].made:%Y-%m-%d %H:%M}"
+                )
+            own = [record for record in there if record.author == author]
+            if len(own) >= max_own:
+                raise QueueFullError(
+                    f"{author} has {len(own)} branches open, as many as one may have; merge or "
+                    f"drop one, e.g. {own[0].name!r} of {own[0].made:%Y-%m-%d %H:%M}"
                 )
             made = self.clock()
             record = BranchRecord(

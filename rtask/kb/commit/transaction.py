@@ -166,8 +166,23 @@ class Transaction:
         where = self.home if graph is None else iri(graph)
         return stored_quad(Quad(subject_term(subject), iri(predicate), object_term(value), where))
 
-    def add_quads(self, quads: Iterable[Quad], graph: NamedNode | str | None = None) -> None:
-        """Assert many statements; those of the default graph go to ``graph`` or :attr:`home`."""
+    def add_quads(
+        self,
+        quads: Iterable[Quad],
+        graph: NamedNode | str | None = None,
+        *,
+        as_read: bool = False,
+    ) -> None:
+        """Assert many statements; those of the default graph go to ``graph`` or :attr:`home`.
+
+        Parameters
+        ----------
+        as_read
+            Whether they have a graph, and terms in the form in which the store keeps them.
+        """
+        if as_read:
+            self._pending().add_all(quads)
+            return
         where = self.home if graph is None else iri(graph)
 
         def named() -> Iterator[Quad]:

@@ -31,6 +31,7 @@ __all__ = [
     "HEIGHT_M",
     "JAW_M",
     "PUBLISHED",
+    "TRUE_COM",
     "PlaneBody",
     "arm_push",
     "chosen",
@@ -51,7 +52,7 @@ JAW_M = 0.0175
 """Width of the Panda's fingertips where they meet the part: their mesh tapers from 21 mm."""
 FRICTION = 0.7
 _FINGER_FRICTION = 1.2
-_MASS_KG, _TRUE_COM = 0.06, 0.08
+_MASS_KG, TRUE_COM = 0.06, 0.08
 """The plug's prong is brass: its centre of mass is .08 radii nearer to it than the centroid."""
 _PLACE, _YAW = (0.46, 0.0), 0.5
 _ABOVE_M, _FOV_RAD = 0.60, 0.30
@@ -78,14 +79,20 @@ class PlaneBody:
     com: Floats
 
 
-def plug() -> PlaneBody:
-    """Return the plug where it lies, with its true centre of mass."""
+def plug(com_share: float = TRUE_COM) -> PlaneBody:
+    """Return the plug where it lies.
+
+    Parameters
+    ----------
+    com_share
+        Distance of its true centre of mass from its centroid towards the prong, over its radius.
+    """
     ring = stand_in(OBJECT_M) / 1000.0
     middle = centroid(ring)
     radius = float(np.linalg.norm(ring - middle, axis=1).max())
     c, s = math.cos(_YAW), math.sin(_YAW)
     turn = np.array([[c, -s], [s, c]])
-    com = np.array([_TRUE_COM * radius, 0.0])
+    com = np.array([com_share * radius, 0.0])
     return PlaneBody((ring - middle) @ turn.T + _PLACE, turn @ com + _PLACE)
 
 

@@ -23,10 +23,17 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def push_study(trials: int, prints: int, seed: int, preset: str) -> Study:
-    """Return the study: of each grasp ``trials`` with the plug and ``prints`` printed parts."""
+def push_study(trials: int, prints: int, seed: int, preset: str, com: float | None = None) -> Study:
+    """Return the study: of each grasp ``trials`` with the plug and ``prints`` printed parts.
+
+    Parameters
+    ----------
+    com
+        Where the plug's centre of mass truly is; see :func:`simulate.study.pushes.plug.plug`.
+    """
     settings: dict[str, Any] = {
-        "seed": seed, "preset": preset, "trials": trials, "prints": prints
+        "seed": seed, "preset": preset, "trials": trials, "prints": prints,
+        **({} if com is None else {"com": com}),
     }  # fmt: skip
     return Study("push grasps of Object M", "simulate.study.pushes.trial:push_trial", settings,
                  len(PUBLISHED) * (trials + prints), _describe)  # fmt: skip

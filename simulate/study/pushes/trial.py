@@ -16,6 +16,7 @@ from simulate.robots.description import Floats
 from simulate.study.pushes.plug import (
     ARM,
     JAW_M,
+    TRUE_COM,
     PlaneBody,
     arm_push,
     chosen,
@@ -51,7 +52,8 @@ def push_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """Carry out one grasp once; return what happened as JSON data.
 
     The first ``trials`` numbers of a grasp take the plug itself, with errors of the hand's place
-    (2 mm, 2 degrees) and the plug's true centre of mass. The others take a part printed from the
+    (2 mm, 2 degrees) and the plug's true centre of mass: ``com``, where the settings have it, see
+    :func:`simulate.study.pushes.plug.plug`. The others take a part printed from the
     distribution that was planned for, and an exact hand.
     """
     seed, preset = int(settings["seed"]), str(settings["preset"])
@@ -59,7 +61,7 @@ def push_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     which, k = divmod(number, each)
     plan, _, jaw, stroke = planned(seed, preset)
     index = chosen(plan, jaw, stroke)[which]
-    off, turned, part = np.zeros(2), 0.0, plug()
+    off, turned, part = np.zeros(2), 0.0, plug(float(settings.get("com", TRUE_COM)))
     made = k >= int(settings["trials"])
     if made:
         copy = printed(plan, jaw, k - int(settings["trials"]), seed)

@@ -18,7 +18,7 @@ from simulate.tasks.executor import Executor, Turn
 from simulate.tasks.lab import Lab, read_lab
 from simulate.world.seeds import stream
 
-__all__ = ["EVENTS", "lab_update", "run_trial"]
+__all__ = ["EVENTS", "lab_update", "random_goal", "run_trial"]
 
 _BASE = "https://example.org/kb/"
 EVENTS = (
@@ -77,7 +77,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         kb.update(lab_update(rng, settings["things"], spare))
         planner = rtask.connect(engine)
         lab = read_lab(planner.query, rng, settings["slip"])
-        goal, plan = _goal(planner, rng, lab, wants_handover=rng.random() < 0.3)
+        goal, plan = random_goal(planner, rng, lab, wants_handover=rng.random() < 0.3)
         event = _Event(kind, int(rng.integers(max(1, len(plan["steps"]) // 2))), rng)
         target = goal.split(" rt:locatedOn ")[1].strip("<>")
         _inject(lab, event, target)
@@ -124,8 +124,8 @@ def lab_update(rng: np.random.Generator, count: int, more: _Robots | None = None
     return f"{PREFIXES} INSERT DATA {{ GRAPH <{_BASE}graph/shared> {{ {' '.join(rows)} }} }}"
 
 
-def _goal(
-    planner: Any, rng: np.random.Generator, lab: Lab, *, wants_handover: bool
+def random_goal(
+    planner: Any, rng: np.random.Generator, lab: Lab, *, wants_handover: bool = False
 ) -> tuple[str, Mapping[str, Any]]:
     """Draw a goal that takes at least one step, and several robots if that is wanted."""
     items = sorted(lab.where)

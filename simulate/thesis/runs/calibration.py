@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from features.imaging.estimation import Board, estimate_lens
+from simulate.thesis.materials.pictures import png
 from simulate.thesis.result import Compared, Result, Setting
-from simulate.thesis.runs.pictures import png
 
 __all__ = ["calibration"]
 

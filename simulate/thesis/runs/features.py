@@ -16,8 +16,8 @@ from features.recognition.index.hashing import Hasher
 from features.recognition.index.image_pair import HashedImage, match_images
 from features.recognition.views.sift import detect_keypoints
 from rtask.errors import UsageError
+from simulate.thesis.materials.tables_seen import seen_tables
 from simulate.thesis.result import Compared, Result, Setting
-from simulate.thesis.runs.tables_seen import seen_tables
 
 __all__ = ["Pairs", "table_2", "table_3"]
 

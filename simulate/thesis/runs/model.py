@@ -13,9 +13,9 @@ from grasp.learning.state import GrowingComponents, pooled
 from grasp.spatial.grasp_plan import plan_on_cloud
 from grasp.spatial.gripper import nao_hand
 from rtask.rdf.terms import prologue
+from simulate.thesis.materials.pictures import png
+from simulate.thesis.materials.products import STAND_INS, turned
 from simulate.thesis.result import Compared, Result, Setting, counted
-from simulate.thesis.runs.pictures import png
-from simulate.thesis.runs.products import STAND_INS, turned
 
 __all__ = ["candidates", "object_state", "ontology", "task_properties"]
 

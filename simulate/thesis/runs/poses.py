@@ -31,8 +31,8 @@ from grasp.spatial.gripper import panda_hand
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.mesh_files import read_mesh
 from simulate.grasping.floating.execution import execute, settle
+from simulate.thesis.materials.products import SIX, STAND_INS, household
 from simulate.thesis.result import Compared, Result, Setting, share_of
-from simulate.thesis.runs.products import SIX, STAND_INS, household
 from simulate.world.camera import Camera, Lighting
 from simulate.world.noise import SensorNoise
 from simulate.world.objects import write_assets

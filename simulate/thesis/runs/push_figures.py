@@ -15,8 +15,8 @@ from grasp.push.polygon import filter_polygon
 from grasp.push.studies import elimination_outcome
 from grasp.push.tolerancing import near_vertices, quality_at
 from simulate.study.intervals import wilson
+from simulate.thesis.materials.outlines import CONFIGURATIONS, STAND_INS, plan, usual
 from simulate.thesis.result import Compared, Result, Setting
-from simulate.thesis.runs.outlines import CONFIGURATIONS, STAND_INS, plan, usual
 
 __all__ = [
     "best_grasps",
@@ -185,12 +185,16 @@ def tolerancing(setting: Setting) -> Result:
                        seed=setting.seed).best  # fmt: skip
         grasp = grasps.take(best)
         near = near_vertices(part, grasp, 0, test.jaw_width)
-        shown = plan(name, (0.0, 4.0, 5), vertex_std=base, com_std=0.0)
+        shown = plan(name, (0.0, 4.0, 5), vertex_std=base, com_std=0.0, seed=setting.seed)
         pictures[f"stand-in {name}"] = whisker_svg(shown, setting.seed)
         for label, raised in (("near edge", near), ("others", ~near)):
             spreads = [np.where(raised, f * base, base) for f in factors]
             quality = [
-                float(quality_at(part, grasp, test, Tolerance(s, com_follows=True), samples)[0][0])
+                float(
+                    quality_at(
+                        part, grasp, test, Tolerance(s, com_follows=True), samples, setting.seed
+                    )[0][0]
+                )
                 for s in spreads
             ]
             curves[f"{name} {label}{'*' if label == 'others' else ''}"] = np.array(quality)

@@ -21,8 +21,8 @@ from grasp.push.early import analyse_early, finish_times
 from grasp.push.parts import BRACKETS
 from grasp.push.shards import Executor, shard
 from grasp.push.trials import Trials
+from simulate.thesis.materials.outlines import CONFIGURATIONS, STAND_INS, trials_of, usual
 from simulate.thesis.result import Compared, Result, Setting
-from simulate.thesis.runs.outlines import CONFIGURATIONS, STAND_INS, trials_of, usual
 
 __all__ = ["early_shards", "shard_times", "speed_up", "table_3_2"]
 

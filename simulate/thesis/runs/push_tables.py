@@ -13,8 +13,8 @@ from grasp.push.parts import BRACKETS
 from grasp.push.studies import nominal_only, sensitivity_grid
 from grasp.push.tolerancing import optimise_tolerance
 from simulate.study.intervals import wilson
+from simulate.thesis.materials.outlines import CONFIGURATIONS, STAND_INS, plan, timed, usual
 from simulate.thesis.result import Compared, Result, Setting
-from simulate.thesis.runs.outlines import CONFIGURATIONS, STAND_INS, plan, timed, usual
 
 __all__ = ["belief", "nominal", "sensitivity", "table_3_1"]
 

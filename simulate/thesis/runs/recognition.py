@@ -17,9 +17,9 @@ from features.recognition import Recogniser, Recognition, RecognitionIndex, warm
 from features.recognition.views.view import ViewFeatures
 from grasp.charts import curve_chart
 from simulate.study.declaration import Study
+from simulate.thesis.materials.pictures import png
+from simulate.thesis.materials.products import SIX, STAND_INS, turned
 from simulate.thesis.result import Compared, Result, Setting, share_of
-from simulate.thesis.runs.pictures import png
-from simulate.thesis.runs.products import SIX, STAND_INS, turned
 
 __all__ = ["ask_share", "confidences", "curves", "not_identified", "table_4_1"]
 

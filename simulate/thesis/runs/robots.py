@@ -13,8 +13,8 @@ from simulate.motion.arm_space import ArmSpace
 from simulate.robots import describe
 from simulate.robots import facts_nao as facts
 from simulate.study.tables import TABLE_4, grasp_study, retrieval_study
+from simulate.thesis.materials.pictures import png
 from simulate.thesis.result import Compared, Result, Setting, counted, share_of
-from simulate.thesis.runs.pictures import png
 from simulate.world.portrait import portrait
 
 __all__ = ["arm", "portrait_of_nao", "table_1", "table_4", "table_5", "test_program", "workspace"]

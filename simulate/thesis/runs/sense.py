@@ -16,9 +16,9 @@ from features.recognition.views.sift import detect_keypoints
 from features.scene_change import SceneChangeGate
 from features.segmentation import segment_scene
 from features.segmentation.segment import segment_cloud
+from simulate.thesis.materials.pictures import png
+from simulate.thesis.materials.tables_seen import CAMERA, EYE, TARGET, SeenTable, seen_tables
 from simulate.thesis.result import Compared, Result, Setting, counted, share_of
-from simulate.thesis.runs.pictures import png
-from simulate.thesis.runs.tables_seen import CAMERA, EYE, TARGET, SeenTable, seen_tables
 from simulate.world.camera import Camera, Lighting
 from simulate.world.noise import SensorNoise
 from simulate.world.objects import sample_objects, write_assets

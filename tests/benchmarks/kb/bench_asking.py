@@ -34,7 +34,9 @@ from tests.endpoint.api.obedient_agent import (
     of_others,
 )
 from tests.rtask.asking.scripted_caller import ScriptedCaller
+from tests.rtask.asking.walks import walks
 
+_WALKS = 2_500
 _HERE = Path(__file__).parent
 _ROOM = Path(ontology.__file__).parent / "queries"
 
@@ -79,6 +81,11 @@ def style_queries() -> list[tuple[str, str]]:
 def later_style_queries() -> list[tuple[str, str]]:
     """Return queries in the same styles, written after the faults of those were mended."""
     return _further("asking_styles_later.rq", "styles-later")
+
+
+def robotics_queries() -> list[tuple[str, str]]:
+    """Return queries as robotics people write them, frozen before the check first saw them."""
+    return _further("asking_robotics.rq", "robotics")
 
 
 def _further(file: str, stem: str) -> list[tuple[str, str]]:
@@ -163,9 +170,11 @@ def main() -> None:
             ("of other laboratories", lab_queries(), given.show if given.unseen else ""),
             ("in many styles", style_queries(), given.show if given.unseen else ""),
             ("in styles, later", later_style_queries(), given.show if given.unseen else ""),
+            ("of robotics people", robotics_queries(), given.show if given.unseen else ""),
         ):
             print(f"queries {name}")
             measure(Bench(kb), texts, given.seed, show)
+        report_walks(kb, given.seed)
     report_agents()
     report_words(given.show == "words")
 
@@ -183,6 +192,17 @@ def measure(bench: Bench, texts: list[tuple[str, str]], seed: int, show: str) ->
     for name, text in texts:
         bench.mutate(name, text, seed)
     report(bench, show)
+
+
+def report_walks(kb: KnowledgeBase, seed: int) -> None:
+    """Print how many queries made of statements of the graph are blamed, by rule."""
+    bench, alarms = Bench(kb), Counter[str]()
+    blamed = 0
+    for text in walks(kb, bench.checker.vocabulary, _WALKS, seed):
+        rules = {finding.rule for finding in bench.check(text)}
+        blamed += bool(rules)
+        alarms.update(rules)
+    print(f"queries made of statements: {blamed} of {_WALKS} with a false alarm {dict(alarms)}")
 
 
 def report_agents() -> None:
@@ -225,6 +245,7 @@ def report_words(shows_missed: bool) -> None:
             ("written afterwards", question_words.unseen(kb, "asking_fresh.toml")),
             ("written last", question_words.unseen(kb, "asking_third.toml")),
             ("written with counts", question_words.unseen(kb, "asking_fourth.toml")),
+            ("in three styles", question_words.unseen(kb, "asking_fifth.toml")),
         ):
             tried = list(tries)
             right = sum(one.is_filled for one in tried)

@@ -13,7 +13,7 @@ from grasp.push.mechanics.quasistatic import NO_POINTS, simulate, simulate_on_po
 from grasp.push.parts import BRACKETS, SHAPES, TAPE_DISPENSER_COM, stand_in
 from grasp.push.pose import PoseTrials, centred_grasp
 from grasp.push.trials import Trials
-from simulate.thesis.runs.outlines import CONFIGURATIONS, timed, trials_of, usual
+from simulate.thesis.materials.outlines import CONFIGURATIONS, timed, trials_of, usual
 from tests.grasp.push.in_box2d import is_available, simulate_in_box2d
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import rtask
-from tests.browser.audits import AUDITS
+from tests.browser.every_page.audits import AUDITS
 from tests.browser.pages import EACH_LOOK, LOOKS, fits, keep_picture, open_page
 from tests.rtask.world.conftest import _LAB, BASE, Lab
 from tests.servers import RunningServer, running_server

@@ -10,12 +10,14 @@ from click.testing import CliRunner
 
 import ontology
 import rtask
+from rtask.asking.check.checker import checker_of
 from rtask.asking.check.findings import Finding
 from rtask.asking.check.unknown import shipped_terms
 from rtask.cli import cli
 from rtask.errors import DataError, QuerySyntaxError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import prologue
+from tests.rtask.asking.walks import walks
 
 QUESTIONS = sorted((Path(ontology.__file__).parent / "queries").rglob("*.rq"))
 HEAD = prologue(
@@ -111,6 +113,17 @@ def test_the_questions_of_the_ontology_raise_no_alarm(kb: KnowledgeBase) -> None
          "likely", "SELECT ?object { ?object ^rt:canGrasp ?robot ; rt:hasGrasp ?grasp }"),
         ("SELECT ?capability { ?robot rt:segmentationTime ?capability }", "unusual-name", "likely",
          None),
+        ("SELECT ?item { ?item rt:objectId* ?spot . ?spot a rt:SupportSurface }", "wrong-type",
+         "likely", None),
+        ("SELECT ?c { ?camera a/^rdfs:subClassOf* rt:Camera ; rt:name ?c }", "reversed", "likely",
+         "SELECT ?c { ?camera a/rdfs:subClassOf* rt:Camera ; rt:name ?c }"),
+        ("SELECT ?item { ?item rt:locatedOn* ?spot . ?spot a rt:BSplineContour . "
+         "?item a rt:ManipulableObject }", "wrong-type", "certain", None),
+        ("SELECT ?o ?mass { ?o ^rt:mass ?mass }", "reversed", "likely",
+         "SELECT ?o ?mass { ?o rt:mass ?mass }"),
+        ("SELECT ?c { ?c rdfs:label 7 }", "wrong-datatype", "likely", None),
+        ("SELECT ?c { ?c rdfs:label \"gripper\" }", "no-language", "likely",
+         "SELECT ?c { ?c rdfs:label \"gripper\"@en }"),
     ],
 )  # fmt: skip
 def test_a_fault_is_found_with_its_repair(
@@ -121,6 +134,19 @@ def test_a_fault_is_found_with_its_repair(
     assert body[found.start - len(HEAD) : found.end - len(HEAD)].strip()
     if right is not None:
         assert repaired(body, found) == right
+
+
+def test_queries_made_of_statements_of_the_graph_raise_no_alarm() -> None:
+    blamed = {}
+    with rtask.open(":memory:") as sample:
+        assert isinstance(sample, KnowledgeBase)
+        sample.load(ontology.path("examples/sample.trig"))
+        for text in walks(sample, checker_of(sample).vocabulary, 120, seed=1):
+            assert len(sample.select(text)) > 0, text
+            found = sample.check(text)
+            if found:
+                blamed[text] = found
+    assert blamed == {}
 
 
 def test_an_inherited_domain_and_an_open_vocabulary_are_no_faults(kb: KnowledgeBase) -> None:
@@ -138,6 +164,13 @@ def test_an_inherited_domain_and_an_open_vocabulary_are_no_faults(kb: KnowledgeB
         "SELECT ?held { ?stay rt:placementOf ?held }",
         "SELECT ?next { ?step rt:feeds ?next }",
         "SELECT ?then { ?experience rt:nextState ?then }",
+        "SELECT ?frame2 ?frame { ?frame rt:parentFrame ?frame2 }",
+        "SELECT ?frame { ?frame rt:parentFrame ?frame2 }",
+        "SELECT ?supportSurface { ?supportSurface rt:locatedOn ?object }",
+        "SELECT ?place { ?place rt:subTaskOf ?task ; a rt:Place }",
+        "SELECT ?root ?up { ?root a rt:Frame FILTER NOT EXISTS { ?root rt:parentFrame ?up } }",
+        "SELECT ?day (COUNT(?a) AS ?n) { ?a rt:atTime ?t } GROUP BY (DAY(?t) AS ?day)",
+        "SELECT ?traj (COUNT(?wp) AS ?points) { ?traj rt:hasWaypoint ?wp } GROUP BY ?traj",
     ):
         assert kb.check(HEAD + body) == [], body
 

@@ -18,7 +18,7 @@ pytestmark = [
 ]
 
 
-@pytest.mark.parametrize("count", [3, pytest.param(10, marks=pytest.mark.deep)])
+@pytest.mark.parametrize("count", [2, pytest.param(10, marks=pytest.mark.deep)])
 def test_new_objects_take_at_most_two_requests_each(
     bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:

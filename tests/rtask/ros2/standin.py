@@ -38,6 +38,13 @@ class World:
         goal, result, feedback = source_files(schema)["action/See.action"].split("---\n")
         for name, text in (("Goal", goal), ("Result", result), ("Feedback", feedback)):
             self.types.add_message(f"rtask_msgs/msg/See_{name}", text)
+        sampling = source_files(schema)["action/SampleGraspPoses.action"].split("---\n")
+        for name, text in zip(("Goal", "Result", "Feedback"), sampling, strict=True):
+            self.types.add_message(f"rtask_msgs/msg/SampleGraspPoses_{name}", text)
+        service = definitions_of("moveit_msgs")["srv/GetPlanningScene.srv"]
+        self.types.add_service("moveit_msgs/srv/GetPlanningScene", service)
+        self.planning_scene: Any = None
+        """What a move_group answers; None where there is none."""
         self._add_trajectories()
         self.services: dict[str, tuple[Any, Callable[..., Any]]] = {}
         self.publishers: dict[str, Publisher] = {}
@@ -237,6 +244,26 @@ class ActionClient:
         return future
 
 
+class Client:
+    """Asks for the planning scene of the stand-in's move_group."""
+
+    def __init__(self, world: World, kind: Any, name: str) -> None:
+        self.world, self._kind, self.srv_name = world, kind, name
+
+    def service_is_ready(self) -> bool:
+        return self.world.planning_scene is not None
+
+    def call_async(self, request: Any) -> Future:
+        future, answer = Future(), self._kind.Response()
+        answer.scene = self.world.planning_scene
+        if answer.scene != "silent":
+            future.set_result(answer)
+        return future
+
+    def remove_pending_request(self, future: Future) -> None:
+        pass
+
+
 def _node_of(world: World) -> type:
     class LifecycleNode:
         def __init__(self, node_name: str) -> None:
@@ -286,6 +313,14 @@ def _node_of(world: World) -> type:
         ) -> tuple[str, Any]:  # fmt: skip
             world.subscriptions.setdefault(topic, []).append(callback)
             return topic, callback
+
+        def create_client(
+            self, srv_type: Any, srv_name: str, *, callback_group: Any = None
+        ) -> Client:
+            return Client(world, srv_type, srv_name)
+
+        def destroy_client(self, client: Client) -> None:
+            pass
 
         def create_timer(
             self, timer_period_sec: float, callback: Any, callback_group: Any = None,
@@ -378,6 +413,7 @@ def install(world: World, set_module: Callable[[str, Any], None]) -> None:
         CancelResponse=answers, GoalResponse=answers,
     )  # fmt: skip
     module("rclpy.action.client", ClientGoalHandle=ClientGoalHandle)
+    module("rclpy.client", Client=Client)
     module("rclpy.task", Future=Future)
     groups = ("MutuallyExclusiveCallbackGroup", "ReentrantCallbackGroup")
     module("rclpy.callback_groups", **dict.fromkeys(groups, record))
@@ -416,9 +452,18 @@ def install(world: World, set_module: Callable[[str, Any], None]) -> None:
         for name in names
     }
     module("rtask_msgs.srv", **services)
-    for package, name in (("rtask_msgs", "See"), ("control_msgs", "FollowJointTrajectory")):
-        parts = {
-            part: world.class_of(f"{package}/msg/{name}_{part}")
-            for part in ("Goal", "Result", "Feedback")
+    halves_of = {
+        half: world.class_of(f"moveit_msgs/srv/GetPlanningScene_{half}") for half in halves
+    }
+    module("moveit_msgs.srv", GetPlanningScene=type("GetPlanningScene", (), halves_of))
+    for package, actions in (
+        ("rtask_msgs", ("See", "SampleGraspPoses")), ("control_msgs", ("FollowJointTrajectory",))
+    ):  # fmt: skip
+        made = {
+            name: {
+                part: world.class_of(f"{package}/msg/{name}_{part}")
+                for part in ("Goal", "Result", "Feedback")
+            }
+            for name in actions
         }
-        module(f"{package}.action", **{name: type(name, (), parts)})
+        module(f"{package}.action", **{name: type(name, (), parts) for name, parts in made.items()})

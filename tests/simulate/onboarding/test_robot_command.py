@@ -276,7 +276,18 @@ def write_gripper(path: Path, shape: str) -> None:
     path.write_text(f'<robot name="two"><link name="palm"/>{fingers}</robot>', "utf-8")
 
 
+def test_first_grasps_name_a_file_that_is_no_robot(tmp_path, folder):
+    before = sorted(folder.iterdir())
+    bad = tmp_path / "bad.urdf"
+    bad.write_text("<robot", "utf-8")
+    code, rows = run("first-grasps", str(bad), "--grasps", "1", "--workers", "1")
+    assert (code, len(rows)) == (1, 1)
+    assert "not XML" in rows[0]["error"]
+    assert sorted(folder.iterdir()) == before
+
+
 @pytest.mark.slow
+@pytest.mark.deep
 def test_first_grasps_tell_what_becomes_of_each_file_and_keep_nothing(tmp_path, folder):
     before = sorted(folder.iterdir())
     bad = tmp_path / "bad.urdf"

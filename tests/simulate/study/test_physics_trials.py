@@ -42,10 +42,10 @@ def test_a_trial_is_the_same_in_any_process_and_the_command_prints_nothing_but_f
 
 @pytest.mark.slow
 def test_every_grasp_of_an_object_has_its_outcome_from_the_same_start() -> None:
-    study = outcome_study(1, 3, proposed=2, blind=1, preset="fast")
+    study = outcome_study(1, 3, proposed=1, blind=1, preset="fast")
     result = outcome_trial(study.settings, 1)
     geometry = [arm for arm in result["arms"] if arm["source"] == "geometry"]
-    assert sum(arm["reason"] != UNREACHABLE for arm in geometry) <= 2
+    assert sum(arm["reason"] != UNREACHABLE for arm in geometry) <= 1
     assert {arm["source"] for arm in result["arms"]} == {"geometry", "blind"}
     assert len(result["look"]) == 256
     assert any(result["look"])

@@ -92,7 +92,14 @@ def test_a_plan_with_a_handover_is_carried_out_and_linked_to_what_was_done(world
     assert [step.attempts for step in again.steps if step.action.endswith("Grasp")] == [1, 1]
 
 
-@pytest.mark.parametrize("event", [*MOVED, "slips"])
+@pytest.mark.parametrize(
+    "event",
+    [
+        "slips",
+        "dropped",
+        *(pytest.param(e, marks=pytest.mark.deep) for e in MOVED if e != "dropped"),
+    ],
+)
 def test_what_comes_between_is_seen_and_the_goal_planned_again(world, event):
     happened = []
 

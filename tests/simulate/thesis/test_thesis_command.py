@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -91,10 +92,20 @@ def test_a_run_goes_on_only_where_it_is_asked_to(tmp_path: Path, run: Run) -> No
     assert run(*shown, "--out", str(tmp_path), "--resume")[0] == 0
 
 
-def test_trials_of_a_study_are_kept_and_taken_over(tmp_path: Path) -> None:
-    def study(seed: int, goals: int) -> Study:
-        settings = {"seed": seed, "things": 3, "slip": 0.0, "events": []}
-        return Study("tasks", "simulate.study.tasks.trial:run_trial", settings, goals)
+def numbered(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """A trial that takes no time."""
+    return {"value": [settings["seed"], number]}
+
+
+def test_trials_of_a_study_are_kept_and_taken_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Processes of trials find this module by its own name, without the packages around it.
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+
+    def study(seed: int, count: int) -> Study:
+        return Study("numbers", f"{Path(__file__).stem}:numbered", {"seed": seed}, count)
 
     here = Setting(journals=tmp_path)
     first = here.trials(study(1, 1))

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from rtask.asking.check.findings import Finding
 from rtask.asking.check.fitting import reversed_edge
 from rtask.asking.check.look import Look
+from rtask.asking.check.naming.meanings import head_of
 from rtask.asking.check.naming.names import affinity, words_of
 from rtask.asking.check.naming.usual import heads, kinds_by_name, nouns, usual_kinds, usual_literals
 from rtask.asking.check.syntax.outline import Edge, Node
@@ -28,12 +29,16 @@ class ByNames(Look):
         for edge in self._patterns(context):
             step = edge.steps[0]
             axioms = self._vocabulary.properties.get(step.node.value)
-            if axioms is None or axioms.relates_things is not True:
+            if axioms is None or axioms.relates_things is None:
                 continue
             about, value = edge.ends[:: -1 if step.is_inverse else 1]
             if about.kind != "variable" or value.kind != "variable":
                 continue
-            if self._is_turned_by_name(about, value, axioms.classes):
+            if axioms.relates_things is False:
+                is_turned = self._is_called_like_the_value(about, value, step.node.value)
+            else:
+                is_turned = self._is_turned_by_name(about, value, axioms.classes)
+            if is_turned:
                 turned = reversed_edge(edge)
                 if self._fitting.misfits(turned, context):
                     continue
@@ -56,9 +61,9 @@ class ByNames(Look):
                 continue
             if node.value not in self._vocabulary.properties:
                 continue  # an unknown term is reported as such
-            if value.value.lower() in nouns(self._vocabulary):
+            if value.name.lower() in nouns(self._vocabulary):
                 continue
-            if affinity(value.value, node.value, self._vocabulary) > 0:
+            if affinity(value.name, node.value, self._vocabulary) > 0:
                 continue
             if self._evidence.matches(edge) and not self._fitting.is_contradicted(edge, context):
                 continue
@@ -79,14 +84,16 @@ class ByNames(Look):
             for demand in self._fitting.demands.of(edge, context) or ():
                 if demand.node.kind != "variable" or demand.is_observed or demand.is_of_terms:
                     continue
-                usual = kinds.get(demand.node.value, 0)
+                usual = kinds.get(demand.node.name, 0)
                 is_odd = usual and demand.bits is not None and not demand.bits & usual
                 if not usual and demand.bits is not None:
-                    usual = by_name.get(demand.node.value.lower(), 0)
+                    usual = by_name.get(demand.node.name.lower(), 0)
                     is_odd = usual and self._vocabulary.are_foreign(demand.bits, usual)
                 if not is_odd and not self._is_odd_literal(demand, literals):
                     continue
                 if self._is_named_after(demand, edge) or self._fitting.is_attested(edge, context):
+                    continue
+                if self._is_named_after_matches(demand):
                     continue
                 self._blamed.add(id(edge))
                 node = edge.steps[0].node
@@ -102,7 +109,7 @@ class ByNames(Look):
 
     def _is_odd_literal(self, demand: Demand, literals: Mapping[str, frozenset[str]]) -> bool:
         """Return whether a name that stands for literals is that of a thing, or of other ones."""
-        usual = literals.get(demand.node.value)
+        usual = literals.get(demand.node.name)
         if usual is None:
             return False
         if demand.is_thing:
@@ -118,16 +125,16 @@ class ByNames(Look):
         What is called ``?plan`` may be a task plan, though the questions know other plans.
         """
         step = edge.steps[0]
-        if self._kinds_of_head(demand.node.value) & (demand.bits or 0):
+        if self._kinds_of_head(demand.node.name) & (demand.bits or 0):
             return True
         axioms = self._vocabulary.properties.get(step.node.value)
         if axioms is None or step.node.value == TYPE:
             return False
-        if affinity(demand.node.value, step.node.value, self._vocabulary) > 0:
+        if affinity(demand.node.name, step.node.value, self._vocabulary) > 0:
             return True
         kinds = axioms.classes[1 - demand.at if step.is_inverse else demand.at]
         named = {word for iri in kinds for word in words_of(local(iri))}
-        return bool(named.intersection(words_of(demand.node.value)))
+        return bool(named.intersection(words_of(demand.node.name)))
 
     def _kinds_of_head(self, variable: str) -> int:
         """Return the bits of the classes whose names end as a variable's does."""
@@ -141,14 +148,22 @@ class ByNames(Look):
         turned = self._named(about, classes[1]) + self._named(value, classes[0])
         return as_is == 0 and turned == 2
 
+    def _is_called_like_the_value(self, about: Node, value: Node, iri: str) -> bool:
+        """Return whether a pattern has for its subject what is called like the text or number."""
+        word = head_of(local(iri))
+        if not word or head_of(about.name) != word or head_of(value.name) == word:
+            return False
+        return not self._kinds_of_head(about.name)
+
     def _named(self, node: Node, classes: list[str]) -> bool:
         """Return whether a variable is named, or abbreviated, after one of some classes."""
         words = {word for iri in classes for word in words_of(local(iri))}
         if len(node.value) == 1:
             return any(word[0] == node.value for word in words)
-        if set(words_of(node.value)) & words:
+        if set(words_of(node.name)) & words:
             return True
-        own = kinds_by_name(self._vocabulary).get(node.value.lower(), 0)
+        by_name = kinds_by_name(self._vocabulary)
+        own = by_name.get(node.name.lower(), 0) or by_name.get(head_of(node.name), 0)
         return any(
             self._vocabulary.below[iri] & own for iri in classes if iri in self._vocabulary.below
         )

@@ -18,6 +18,7 @@ from rtask.asking.check.naming.meanings import (
     rank_of_values,
 )
 from rtask.asking.check.naming.names import affinity, words_of
+from rtask.asking.check.naming.usual import kinds_by_name
 from rtask.asking.check.syntax.outline import Edge
 from rtask.asking.check.types import TYPE, Context, Demand, family
 from rtask.asking.check.vocabulary import local
@@ -49,10 +50,21 @@ class ByWords(Look):
         if about.kind != "variable" or value.kind != "variable":
             return False
         upwards = rank_of_values(step.node.value)
-        ranks = rank_of(value.value) * upwards, rank_of(about.value) * -upwards
+        # That a root has no parent is asked with the root as subject.
+        of_subject = 0 if context.is_tested else rank_of(about.name, is_value=upwards < 0)
+        ranks = rank_of(value.name, is_value=upwards > 0) * upwards, of_subject * -upwards
         if max(ranks) > 0 or min(ranks) == 0 or is_chained(edge, context):
             return False
+        if any(
+            self._is_of_its_name(demand) for demand in self._fitting.demands.of(edge, context) or ()
+        ):
+            return False
         return not self._fitting.misfits(reversed_edge(edge), context)
+
+    def _is_of_its_name(self, demand: Demand) -> bool:
+        """Return whether a variable is called like its class: ``?place`` for the task to place."""
+        named = kinds_by_name(self._vocabulary).get(demand.node.name.lower(), 0)
+        return bool(named & (demand.bits or 0)) or self._is_named_after_matches(demand)
 
     def _turned(self, edge: Edge) -> Finding:
         node = edge.steps[0].node
@@ -67,10 +79,10 @@ class ByWords(Look):
     def _is_odd(self, demand: Demand, edge: Edge, context: Context) -> bool:
         """Return whether the last word of a variable is that of something else."""
         iri = edge.steps[0].node.value
-        word = head_of(demand.node.value)
+        word = head_of(demand.node.name)
         if not word or demand.is_observed or demand.is_of_terms:
             return False
-        if self._is_named_after(demand, edge):
+        if self._is_named_after(demand, edge) or self._is_named_after_matches(demand):
             return False
         if self._is_agreed(demand, edge, context):
             return False
@@ -135,13 +147,13 @@ class ByWords(Look):
         """Return whether a variable has a word of its property, or of what stands there."""
         (step,) = edge.steps
         if step.node.value == TYPE:
-            return affinity(demand.node.value, edge.object.value, self._vocabulary) > 0
-        if affinity(demand.node.value, step.node.value, self._vocabulary) > 0:
+            return affinity(demand.node.name, edge.object.value, self._vocabulary) > 0
+        if affinity(demand.node.name, step.node.value, self._vocabulary) > 0:
             return True
         axioms = self._vocabulary.properties.get(step.node.value)
         kinds = axioms.classes[1 - demand.at if step.is_inverse else demand.at] if axioms else ()
         named = {word for iri in kinds for word in words_of(local(iri))}
-        return bool(named.intersection(words_of(demand.node.value)))
+        return bool(named.intersection(words_of(demand.node.name)))
 
     def _odd(self, demand: Demand, edge: Edge, context: Context) -> Finding:
         (step,) = edge.steps
@@ -150,6 +162,6 @@ class ByWords(Look):
             f"{demanded(self._vocabulary, demand)}, "
             f"which is hardly what ?{demand.node.value.partition(' ')[0]} stands for"
         )
-        usual = kinds_of_word(head_of(demand.node.value), self._vocabulary)
+        usual = kinds_of_word(head_of(demand.node.name), self._vocabulary)
         repairs = self._repairs.of_named(edge, demand, usual, context)
         return Finding("unusual-name", "likely", node.start, node.end, words, tuple(repairs))

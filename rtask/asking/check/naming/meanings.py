@@ -30,10 +30,15 @@ _PARTICIPLES = {"bound", "found", "held", "lost", "known", "seen", "done", "take
                 "written", "chosen", "said"}  # fmt: skip
 _NO_NOUNS = {"", *_MOMENTS, *_PARTICIPLES}
 _LOWER = {"part", "child", "kid", "piece", "inner", "content", "sub", "narrower", "member",
-          "descendant"}  # fmt: skip
-_UPPER = {"whole", "parent", "outer", "container", "super", "broader", "ancestor", "surface",
-          "holder", "support", "shelf", "table", "tray", "where", "place"}  # fmt: skip
-_TO_UPPER = {"parent", "ancestor", "located", "placed", "sub", "container"}
+          "descendant", "leaf", "step", "copy", "exemplar", "instance", "item", "load",
+          "cargo"}  # fmt: skip
+_UPPER = {"whole", "parent", "outer", "super", "broader", "ancestor", "where", "place", "root",
+          "base", "floor", "ground", "room", "spot", "location", "original",
+          "prototype"}  # fmt: skip
+_IN_BETWEEN = {"container", "surface", "holder", "support", "shelf", "table", "tray", "bottom",
+               "desk", "bench", "slot", "product"}  # fmt: skip
+"""What carries others, and may itself stand on something."""
+_TO_UPPER = {"parent", "ancestor", "located", "placed", "sub", "container", "exemplar"}
 _IDENTIFYING = {"name", "label", "id", "identifier", "code", "title", "kind", "type", "text"}
 
 
@@ -107,17 +112,21 @@ def kinds_of_word(word: str, vocabulary: Vocabulary) -> int:
     """Return the bits of the classes that a word names by the last word of theirs."""
     if word in _PERSONS:
         return agents(vocabulary)
-    return 0 if word in _UPPER | _LOWER else heads(vocabulary).get(word, 0)
+    return 0 if word in _UPPER | _IN_BETWEEN | _LOWER else heads(vocabulary).get(word, 0)
 
 
-def rank_of(name: str) -> int:
+def rank_of(name: str, *, is_value: bool = True) -> int:
     """Return 1 for the name of a whole, -1 for that of a part, 0 for any other.
+
+    A table is a whole for what stands on it, the value; as the subject it may be either.
 
     >>> rank_of("parent"), rank_of("inner_part"), rank_of("robot")
     (1, -1, 0)
     """
     word = head_of(name)
-    return 1 if word in _UPPER else -1 if word in _LOWER else 0
+    if word in _UPPER or (is_value and word in _IN_BETWEEN):
+        return 1
+    return -1 if word in _LOWER else 0
 
 
 def rank_of_values(iri: str) -> int:
@@ -127,6 +136,6 @@ def rank_of_values(iri: str) -> int:
     [1, -1, 0]
     """
     words = words_of(local(iri))
-    if not words or not _TO_UPPER.intersection(words):
-        return 0
-    return -1 if words[0] == "has" else 1
+    if words[:1] == ("has",):
+        return -1 if words[1:2] and words[1] in _TO_UPPER else 0
+    return 1 if words and words[0] in _TO_UPPER else 0

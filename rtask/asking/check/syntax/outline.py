@@ -32,6 +32,8 @@ class Node:
         Place in the text; equal for what the text does not name.
     datatype
         IRI of a literal's datatype.
+    alias
+        What an expression calls a variable whose own name says nothing: ``(MIN(?w) AS ?width)``.
     """
 
     kind: Kind
@@ -39,6 +41,12 @@ class Node:
     start: int
     end: int
     datatype: str = ""
+    alias: str = ""
+
+    @property
+    def name(self) -> str:
+        """What says of a variable what it stands for."""
+        return self.alias or self.value
 
 
 @dataclass(slots=True)
@@ -63,6 +71,8 @@ class Edge:
         Whether a path may be of length zero, so that nothing is known of its ends.
     is_path
         Whether it is a part of a longer path, or repeated.
+    repeats
+        Whether a path may walk it more than once.
     predicate
         Variable that stands for its predicate.
     start, end
@@ -76,6 +86,7 @@ class Edge:
     end: int
     is_loose: bool = False
     is_path: bool = False
+    repeats: bool = False
     predicate: Node | None = None
     _signature: str = field(default="", init=False, repr=False, compare=False)
     _pattern: str = field(default="", init=False, repr=False, compare=False)
@@ -100,8 +111,11 @@ class Edge:
     def pattern(self) -> str:
         """What it says, the names of its variables included."""
         if not self._pattern:
-            names = " ".join(end.value for end in self.ends if end.kind == "variable")
-            self._pattern = f"{names} {self.is_loose:d}{self.is_path:d}\n{self.signature}"
+            names = " ".join(
+                f"{end.value} {end.alias}" for end in self.ends if end.kind == "variable"
+            )
+            path = f"{self.is_loose:d}{self.is_path:d}{self.repeats:d}"
+            self._pattern = f"{names} {path}\n{self.signature}"
         return self._pattern
 
     @property
@@ -188,6 +202,9 @@ class Outline:
         Namespaces by prefix.
     inner
         Outlines of its sub-selects.
+    aliases
+        Variables that an expression gives another name, each with the function (empty if there is
+        none) and that name.
     """
 
     form: str
@@ -200,3 +217,14 @@ class Outline:
     iris: list[Node] = field(default_factory=list)
     prefixes: dict[str, str] = field(default_factory=dict)
     inner: list[Outline] = field(default_factory=list)
+    aliases: list[tuple[Node, str, str]] = field(default_factory=list)
+
+    def mentions_of(self, variable: str) -> list[Node]:
+        """Return every mention of a variable at the end of a pattern."""
+        return [
+            end
+            for group in self.body.walk()
+            for edge in group.edges
+            for end in edge.ends
+            if end.kind == "variable" and end.value == variable
+        ]

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from rtask.asking.check.syntax.outline import Node, Step
 
-__all__ = ["Path", "links_of", "steps_of"]
+__all__ = ["REPETITIONS", "Path", "links_of", "steps_of"]
+
+
+REPETITIONS = ("repeated", "loose", "optional")
+"""Kinds of the paths ``p+``, ``p*`` and ``p?``."""
 
 
 class Path:

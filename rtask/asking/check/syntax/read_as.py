@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from rtask.sparql.tokens import Token
 
-__all__ = ["read_as"]
+__all__ = ["read_as", "renaming"]
 
 _COMPARISONS = {"<", ">", "<=", ">=", "=", "!="}
 _ORDERS = {"<", ">", "<=", ">="}
@@ -25,6 +25,7 @@ _FUNCTIONS = {
     ),
     **dict.fromkeys(("DATATYPE", "GROUP_CONCAT"), "literal"),
 }  # fmt: skip
+_SAME = {"MIN", "MAX", "AVG", "SUM", "SAMPLE", "STR", "ROUND"}
 _CASTS = {"integer", "decimal", "double", "float", "boolean", "dateTime", "int", "long"}
 
 
@@ -75,3 +76,18 @@ def _argument(tokens: Sequence[Token], at: int) -> str:
         return _FUNCTIONS.get(name.text.upper(), "")
     is_cast = name.kind == "name" and name.text.startswith("xsd:")
     return "literal" if is_cast and name.text[4:] in _CASTS else ""
+
+
+def renaming(tokens: Sequence[Token], at: int) -> str | None:
+    """Return the function of ``(f(?x) AS ?y)`` that begins at a place, empty for ``(?x AS ?y)``.
+
+    None for any other expression: what it defines is not what its variable stands for.
+    """
+    rest = [token for token in tokens[at : at + 8] if not token.is_word("DISTINCT")]
+    words = [token.text.upper() if token.kind == "word" else token.text for token in rest]
+    kinds = [token.kind for token in rest]
+    if kinds[1:2] == ["variable"] and words[2:3] == ["AS"]:
+        return ""
+    if words[1:2] and words[1] in _SAME and words[2:3] == ["("] and kinds[3:4] == ["variable"]:
+        return words[1] if words[4:6] == [")", "AS"] else None
+    return None

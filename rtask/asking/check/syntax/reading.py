@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from rtask.asking.check.syntax.outline import Edge, Group, Node, Outline, Role
-from rtask.asking.check.syntax.paths import Path, links_of, steps_of
-from rtask.asking.check.syntax.read_as import read_as
+from rtask.asking.check.syntax.paths import REPETITIONS, Path, links_of, steps_of
+from rtask.asking.check.syntax.read_as import read_as, renaming
 from rtask.asking.check.syntax.term_reader import TermReader
 
 __all__ = ["read_outline"]
@@ -29,6 +29,7 @@ class _Reader(TermReader):
     def __init__(self, text: str, base: str) -> None:
         super().__init__(text, base)
         self._inner: list[Outline] = []
+        self._aliases: list[tuple[Node, str, str]] = []
 
     # The query.
 
@@ -36,7 +37,7 @@ class _Reader(TermReader):
         self._prologue()
         outline = self._select(inner=False)
         outline.iris, outline.prefixes = self.iris, self._prefixes
-        outline.inner = self._inner
+        outline.inner, outline.aliases = self._inner, self._aliases
         return outline
 
     def _prologue(self) -> None:
@@ -90,9 +91,12 @@ class _Reader(TermReader):
             return
         while not (self._is("{") or self._now.is_word("WHERE", "FROM") or self._ended()):
             if self._is("("):
+                function = renaming(self._tokens, self._at)
                 variables = self._expression(outline.body)
                 outline.defined.append(variables.pop())
                 outline.mentioned += variables
+                if function is not None:
+                    self._aliases.append((variables[0], function, outline.defined[-1].value))
             else:
                 outline.projected.append(self._variable(self._next()))
 
@@ -117,6 +121,8 @@ class _Reader(TermReader):
                     continue
             elif token.kind == "variable":
                 target.append(self._variable(token))
+                if grouped is target and self._tokens[self._at - 1].is_word("AS"):
+                    outline.defined.append(target[-1])  # GROUP BY (f(?x) AS ?y)
             elif self._is("{"):  # EXISTS in HAVING
                 outline.body.children.append(self._group("exists", outline))
                 continue
@@ -158,8 +164,11 @@ class _Reader(TermReader):
             group.filters.append(self._constraint(group, outline))
         elif token.is_word("BIND"):
             self._next()
+            function = renaming(self._tokens, self._at)
             variables = self._expression(group, outline)
             group.binds.append((variables.pop(), variables))
+            if function is not None:
+                self._aliases.append((variables[0], function, group.binds[-1][0].value))
         elif token.is_word("VALUES"):
             self._next()
             self._values(group)
@@ -315,13 +324,20 @@ def _connect(reader: _Reader, group: Group, subject: Node, path: Path, value: No
         for edge in group.edges[-len(path.parts) :]:
             edge.is_path = True
         return
+    if path.kind == "inverse" and path.parts[0].kind in REPETITIONS:
+        inner = path.parts[0]
+        link = inner.parts[0]
+        if link.kind == "link" and link.start == path.start + 1:  # ^p* is (^p)*
+            turned = Path("inverse", [link], None, path.start, link.end)
+            path = Path(inner.kind, [turned], None, path.start, inner.end)
     if path.kind == "inverse" and path.parts[0].kind not in ("link",):
         _connect(reader, group, value, path.parts[0], subject)
         return
-    inner = path.parts[0] if path.kind in ("repeated", "loose") else path
+    inner = path.parts[0] if path.kind in REPETITIONS else path
     edge = Edge(subject, steps_of(inner), value, min(subject.start, path.start), value.end)
-    edge.is_loose = path.kind == "loose"
-    edge.is_path = path.kind in ("repeated", "loose")
+    edge.is_loose = path.kind in ("loose", "optional")
+    edge.is_path = inner is not path
+    edge.repeats = path.kind in ("repeated", "loose")
     edge.predicate = path.node if path.kind == "variable" else None
     group.edges.append(edge)
     if not edge.steps and path.kind != "variable":

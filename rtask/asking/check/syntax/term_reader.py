@@ -145,7 +145,8 @@ class TermReader:
         for mark in "*+?":
             if self._is(mark):
                 end = self._next().end
-                return Path("repeated" if mark == "+" else "loose", [inner], None, start, end)
+                kind = {"+": "repeated", "*": "loose", "?": "optional"}[mark]
+                return Path(kind, [inner], None, start, end)
         return inner
 
     def _bad(self, token: Token) -> Node:

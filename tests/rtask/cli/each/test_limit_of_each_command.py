@@ -38,9 +38,9 @@ _WITHOUT = {
         simulate act-test reach, simulate act-test workspace, study asking-price, study attempts,
         study day, study demo,
         study grasp-quality, study grasp-views, study grasping, study hands, study judging,
-        study learn, study piles, study push-grasps, study requests, study sharing, study table4,
-        study table5, study tasks, study trust, study unforeseen, study why, thesis all,
-        thesis show""",
+        study learn, study paths, study piles, study push-grasps, study requests,
+        study sharing, study table4, study table5, study tasks, study trust, study unforeseen,
+        study why, thesis all, thesis show""",
     "runs until it is interrupted, or as long as a program of the user": """
         mcp, worker, ros node, ros2 node, ros2 dds serve, service run, simulate act-serve,
         simulate ros, simulate ros2""",

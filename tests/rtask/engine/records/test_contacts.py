@@ -33,8 +33,11 @@ def robot_with(bench: Any, engine: Any, name: str, hand: dict[str, Any]) -> Any:
     return robot
 
 
-@pytest.fixture(params=sorted(HANDS))
+@pytest.fixture(
+    params=["suction", pytest.param("three_fingers", marks=pytest.mark.deep)],
+)
 def kind(request: pytest.FixtureRequest) -> str:
+    """Return what holds; the kinds differ in how contacts are stored, which both always show."""
     return str(request.param)
 
 
@@ -88,6 +91,7 @@ def test_what_one_robot_held_the_next_one_with_such_a_hand_is_served_from_memory
     assert off < 0.004
 
 
+@pytest.mark.parametrize("kind", sorted(HANDS))
 def test_contacts_are_stored_as_nodes_and_read_back_as_they_were(
     first: Any, bench: Any, engine: Any, box: Any, kind: str
 ) -> None:
@@ -112,6 +116,7 @@ def test_contacts_are_stored_as_nodes_and_read_back_as_they_were(
     assert np.array_equal(found, touches(back)[:, [0, 1, 2, 5]])
 
 
+@pytest.mark.parametrize("kind", sorted(HANDS))
 def test_they_are_individuals_of_the_python_classes(
     first: Any, bench: Any, engine: Any, box: Any, kind: str
 ) -> None:

@@ -200,6 +200,34 @@ class Robot:
             "result": plain(result),
         }
 
+    def move_group(self, scene: dict[str, Any]) -> Any:
+        """Offer a planning scene, as MoveIt does; an empty one ends the offer."""
+        if "moveit" in self.topics:
+            self.topics.pop("moveit").shutdown()
+        if scene:
+            kind = class_of("moveit_msgs/GetPlanningScene", "srv")
+            made = filled(make_message("moveit_msgs/PlanningScene"), scene)
+            answer = kind._response_class(scene=made)
+            self.topics["moveit"] = rospy.Service("/get_planning_scene", kind, lambda asked: answer)
+        return None
+
+    def sample(self, name: str) -> Any:
+        """Ask for grasps as a stage of the MoveIt Task Constructor does."""
+        action = "/rtask/sample_grasp_poses"
+        client = actionlib.SimpleActionClient(action, class_of("rtask_msgs/SampleGraspPosesAction"))
+        assert client.wait_for_server(rospy.Duration(WAIT_S))
+        told: list[Any] = []
+        goal = make_message("rtask_msgs/SampleGraspPosesGoal")
+        goal.action_name = name
+        client.send_goal(goal, feedback_cb=told.append)
+        client.wait_for_result(rospy.Duration(60))
+        result = client.get_result()
+        return {
+            "state": client.get_state(),
+            "grasp_state": result.grasp_state,
+            "feedback": [plain(each) for each in told],
+        }
+
     def follow(
         self, action: str, names: list[str], positions: list[float], seconds: float, cancel: bool
     ) -> Any:

@@ -20,6 +20,7 @@ PUBLISHED = {
     "moveit_msgs.msg.CollisionObject": "dbba710596087da521c07564160dfccb",
     "moveit_msgs.msg.PlanningScene": "acfc50bcfd6c7b978066bfa7c786002c",
     "moveit_msgs.msg.AttachedCollisionObject": "30199ef516f64c8bc1edb1084ce4584e",
+    "moveit_msgs.msg.PlanningSceneComponents": "bc993e784476960b918b6e7ad5bb58ce",
     "shape_msgs.msg.SolidPrimitive": "d8f8cbc74c5ff283fca29569ccefb45d",
     "object_recognition_msgs.msg.ObjectType": "ac757ec5be1998b0167e7efcda79e3cf",
     "control_msgs.msg.FollowJointTrajectoryAction": "bc4f9b743838566551c0390c65f1a248",

@@ -215,3 +215,61 @@ def test_changes_of_the_graph_are_a_topic(robot, node):
 def test_a_cloud_message_is_searched_for_as_it_is(robot, taught):
     answer = robot("search", stamp=1.0)
     assert "similar_objects" in answer, answer
+
+
+def shelf_over(box, name="shelf"):
+    """Return a board over an object, as MoveIt has it: no hand comes from above."""
+    place = {**box["pose"]["position"], "z": 0.27 + box["size"]["z"] + 0.03}
+    return {
+        "header": {"frame_id": "base_footprint"}, "id": name,
+        "pose": {"position": place, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}},
+        "primitives": [{"type": 1, "dimensions": [0.16, 0.16, 0.01]}],
+    }  # fmt: skip
+
+
+def test_grasps_keep_clear_of_what_moveit_knows_and_touch_what_its_matrix_allows(
+    robot, taught, gripper
+):
+    asked = {"goal": {"gripper_id": gripper, "propose": True}, "since": 104.0}
+    robot("show", stamp=104.0, tf_stamp=104.0)
+    free = robot("see", **asked)["result"]["objects"]
+    assert all(one["grasps"] for one in free)
+    for one in free:
+        assert one["grasps"][0]["allowed_touch_objects"] == [one["object"], "rtask/table"]
+    shelf = shelf_over(next(one for one in free if one["name"] == "soap"))
+    robot("move_group", scene={"world": {"collision_objects": [shelf]}})
+    hemmed = {one["name"]: one for one in robot("see", **asked)["result"]["objects"]}
+    assert hemmed["soap"]["grasps"] == [], "there is no room for a hand over it"
+    assert hemmed["tea"]["grasps"]
+    defaults = {"default_entry_names": ["shelf"], "default_entry_values": [True]}
+    world = {"collision_objects": [shelf]}
+    robot("move_group", scene={"world": world, "allowed_collision_matrix": defaults})
+    again = {one["name"]: one for one in robot("see", **asked)["result"]["objects"]}
+    assert again["soap"]["grasps"], "what may be touched is no obstacle"
+    bad = {**shelf, "primitives": [{"type": 1, "dimensions": [0.0, 1.0, 1.0]}]}
+    lost = {**shelf, "id": "rack", "header": {"frame_id": "cell"}}
+    robot("move_group", scene={"world": {"collision_objects": [bad, lost]}})
+    seen = robot("see", **asked)
+    assert (seen["state"], seen["feedback"]) == (ABORTED, [])
+    assert "shelf: a box of [0.0, 1.0, 1.0]; expected 3 positive dimensions" in seen["text"]
+    assert "rack: no transform from cell to base_footprint" in seen["text"]
+    robot("move_group", scene={})
+
+
+def test_the_task_constructor_gets_poses_with_costs_and_may_touch_that_object(
+    robot, taught, gripper
+):
+    robot("parameter", name="/rtask_node/gripper_id", value=gripper)
+    robot("show", stamp=105.0, tf_stamp=105.0)
+    several = robot("sample", name="/rtask/sample_grasp_poses")
+    assert several["state"] == ABORTED
+    assert several["grasp_state"].startswith("2 objects in view (")
+    assert "is called 'spoon'" in robot("sample", name="spoon")["grasp_state"]
+    sampled = robot("sample", name="tea")
+    assert (sampled["state"], len(sampled["feedback"])) == (SUCCEEDED, 1), sampled
+    [told] = sampled["feedback"]
+    assert len(told["grasp_candidates"]) == len(told["costs"]) > 0
+    assert sampled["grasp_state"] == f"{len(told['costs'])} grasps of tea"
+    assert told["costs"] == sorted(told["costs"])
+    assert all(0 <= cost <= 1 for cost in told["costs"])
+    assert {pose["header"]["frame_id"] for pose in told["grasp_candidates"]} == {"base_footprint"}

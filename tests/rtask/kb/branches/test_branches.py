@@ -26,7 +26,7 @@ from rtask.errors import (
     UnsupportedError,
     UsageError,
 )
-from rtask.kb.branches.record import MAX_OPEN
+from rtask.kb.branches.record import MAX_OPEN, MAX_OPEN_EACH
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.budget import ReasoningLimits
 from rtask.kb.commit.commit import Request
@@ -288,6 +288,17 @@ def test_as_many_branches_as_may_be_and_no_more(kb: KnowledgeBase) -> None:
         kb.open_branch("b3")
     with pytest.raises(UsageError, match="no name"):
         kb.branch("../x")
+
+
+def test_no_robot_takes_the_branches_of_the_others(kb: KnowledgeBase) -> None:
+    first, second = (Access(f"nao-{number}", "robot") for number in (1, 2))
+    for number in range(MAX_OPEN_EACH):
+        kb.branch(f"b{number}", access=first).close()
+    with pytest.raises(QueueFullError, match=r"nao-1 has 4 branches open.*'b0'"):
+        kb.branch("more", access=first)
+    kb.branch("other", access=second).close()
+    kb.drop_branch("b2", access=first)
+    kb.branch("more", access=first)
 
 
 def test_a_branch_expires(kb: KnowledgeBase) -> None:

@@ -179,9 +179,18 @@ else:
 @pytest.mark.parametrize(
     ("moment", "action"),
     [
-        *((moment, "drop") for moment in ("journalled", "written", "renamed", "empty", "loaded")),
-        ("empty", "replace"),
+        ("written", "drop"),
+        ("loaded", "drop"),
         ("half", "replace"),
+        *(
+            pytest.param(moment, action, marks=pytest.mark.deep)
+            for moment, action in (
+                ("journalled", "drop"),
+                ("renamed", "drop"),
+                ("empty", "drop"),
+                ("empty", "replace"),
+            )
+        ),
     ],
 )
 def test_a_kill_in_the_middle_is_made_up_for_at_the_next_opening(

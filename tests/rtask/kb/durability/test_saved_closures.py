@@ -330,7 +330,7 @@ def test_rebuilding_the_store_or_the_closure_discards_it(folder: Path) -> None:
         assert saved_folders(folder) == []
 
 
-@pytest.mark.parametrize("kills", [2, pytest.param(6, marks=pytest.mark.deep)])
+@pytest.mark.parametrize("kills", [1, pytest.param(6, marks=pytest.mark.deep)])
 def test_kills_while_it_is_written_leave_no_torn_one(kills: int) -> None:
     """The short form of the stress test."""
     done = subprocess.run(

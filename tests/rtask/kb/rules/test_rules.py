@@ -129,11 +129,12 @@ CHANGES = st.lists(
 
 
 @pytest.mark.slow
-def test_any_order_of_rules_and_data_gives_what_a_rebuild_gives() -> None:
+@pytest.mark.parametrize("examples", [20, pytest.param(120, marks=pytest.mark.deep)])
+def test_any_order_of_rules_and_data_gives_what_a_rebuild_gives(examples: int) -> None:
     kb = rtask.open(":memory:", ontologies=False)
 
     @settings(
-        max_examples=60,
+        max_examples=examples,
         deadline=None,
         derandomize=True,
         database=None,

@@ -118,7 +118,15 @@ def test_what_is_stored_is_what_the_caller_was_told(host, gate, tmp_path, servic
 
 
 @pytest.mark.slow  # starts a process
-@pytest.mark.parametrize("moment", ["waiting", "after it wrote", "returned", "stored"])
+@pytest.mark.parametrize(
+    "moment",
+    [
+        "waiting",
+        "stored",
+        pytest.param("after it wrote", marks=pytest.mark.deep),
+        pytest.param("returned", marks=pytest.mark.deep),
+    ],
+)
 @pytest.mark.parametrize("cause", ENDS)
 def test_the_same_holds_in_processes(host, gate, tmp_path, cause, moment):
     check(host, PROCESSES, cause, moment, tmp_path, gate)

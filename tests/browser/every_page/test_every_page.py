@@ -15,7 +15,7 @@ import pytest
 
 from endpoint.access.tokens import TokenStore
 from tests.browser.attempts import store_of_attempts
-from tests.browser.audits import AUDITS, CONTRAST, SIDEWAYS, SMALL_TARGETS
+from tests.browser.every_page.audits import AUDITS, CONTRAST, SIDEWAYS, SMALL_TARGETS
 from tests.browser.pages import ALL_LOOKS, fits, keep_picture, open_page
 from tests.servers import RunningServer, bearer, running_server
 

@@ -1,0 +1,1 @@
+"""Paths remembered, beside paths planned anew."""
