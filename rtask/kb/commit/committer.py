@@ -24,13 +24,13 @@ from rtask.errors import (
 )
 from rtask.kb.commit.budget import UNBOUNDED, Guard, ReasoningLimits, stopping
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
+from rtask.kb.commit.checks.requirements import check_blobs, check_literals, check_rights
 from rtask.kb.commit.commit import Change, Commit, Request
 from rtask.kb.commit.foreign.identity import merge_refused, new_merges
 from rtask.kb.commit.foreign.precedence import NamePrecedence
 from rtask.kb.commit.foreign.supports import Support, leaves_of, support_of
 from rtask.kb.commit.inference import Inference, Staged, rules_from_now_on
 from rtask.kb.commit.quarantine import set_aside
-from rtask.kb.commit.requirements import check_blobs, check_literals, check_rights
 from rtask.kb.commit.schema_right import require_schema
 from rtask.kb.commit.trials.derivation import CAN_FORK, MAX_TRIED, LongDerivationError
 from rtask.kb.commit.validation import ValidationReport, Validator

@@ -154,6 +154,8 @@ class NamePrecedence:
     def identities(self, change: Overlay) -> Iterator[TripleKey]:
         """Yield stored identities of the author's names that a change uses."""
         find, inferred = self._store.quads_for_pattern, self._graphs.inferred
+        if len(change.added) > MAX_SET_ASIDE:
+            return  # a load: it costs more to look than its names are worth
         if next(iter(find(None, _SAME_AS, None, inferred)), None) is None:
             return
         terms = (

@@ -20,8 +20,8 @@ from rtask.errors import (
     UsageError,
 )
 from rtask.kb.commit import commit as commit_module
-from rtask.kb.commit import requirements
 from rtask.kb.commit.access import Access
+from rtask.kb.commit.checks import requirements
 from rtask.kb.commit.commit import Change
 from rtask.kb.durability.recovery import Checkpoint, boot_id
 from rtask.kb.store.embedded import EmbeddedStore
