@@ -116,6 +116,8 @@ def list_episodes(
 @click.option("--hand", help="Only those with this end effector (lerobot).")
 @click.option("--rate", default=20, show_default=True, type=click.IntRange(1, 200),
               help="Rows per second (lerobot).")  # fmt: skip
+@click.option("--urdf", type=click.Path(exists=True, dir_okay=False, path_type=Path),
+              help="Description of the robot, for viewers (mcap, bag).")  # fmt: skip
 @json_option
 def export(
     out: Path,
@@ -126,6 +128,7 @@ def export(
     form: str | None,
     hand: str | None,
     rate: int,
+    urdf: Path | None,
     as_json: bool,
 ) -> None:
     """Write attempts to OUT: .mcap, .bag of ROS 1, or a data set of LeRobot.
@@ -150,7 +153,8 @@ def export(
             if form == "lerobot":
                 written = write_lerobot(kb, recorded, out, rate, hand, working.tell)
             else:
-                written = write_episodes(kb, recorded, out, working.tell)
+                described = "" if urdf is None else urdf.read_text("utf-8")
+                written = write_episodes(kb, recorded, out, working.tell, described)
     if as_json:
         print_json({"path": str(out), **asdict(written)})
         return

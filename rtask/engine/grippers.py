@@ -72,7 +72,9 @@ class GripperCatalogue:
                 forces[kind] = max(stored.max_force, forces.get(kind, 0.0))
         return forces
 
-    def find(self, gripper_id: str | None, access: Access) -> StoredGripper:
+    def find(
+        self, gripper_id: str | None, access: Access, *, is_acting: bool = False
+    ) -> StoredGripper:
         """Return the end effector that a message names.
 
         Parameters
@@ -82,7 +84,10 @@ class GripperCatalogue:
             to another robot's gripper, so a robot without a gripper must name one.
         access
             Rights of the caller. A robot's token names its own grippers only; other callers may
-            name those of any robot, by IRI where several use a name.
+            ask about those of any robot, by IRI where several use a name.
+        is_acting
+            Whether the message says that the gripper has done something. A person with a token
+            then names none: the robot reports itself, and a person judges what it reported.
 
         Raises
         ------
@@ -109,7 +114,7 @@ class GripperCatalogue:
         chosen = next((gripper for gripper in own if gripper in fitting), None)
         if chosen is not None:
             return chosen
-        if fitting and access.role == "robot":
+        if fitting and (access.role == "robot" or (is_acting and access.agent is not None)):
             others = ", ".join(
                 f"{gripper.iri.value} of {gripper.robot_name}" for gripper in fitting[:3]
             )

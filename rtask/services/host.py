@@ -33,7 +33,7 @@ from rtask.services.executors.setup import InstanceSetup, Written
 from rtask.services.jobs import Job, Jobs
 from rtask.services.outward.connected import Connected
 from rtask.services.outward.seats import Outward
-from rtask.services.pool import Pool, Runner, Sizes
+from rtask.services.pool import Pool, Runner, Sizes, load_of
 from rtask.services.proxy import Proxy, offer_of
 from rtask.services.registry import Registry
 from rtask.services.resources import Files, GraphResource, Resource, WritableFiles
@@ -246,7 +246,8 @@ class ServiceHost:
         """
         definition = self.registry.find(service)
         versions = self.registry.versions(definition.name)
-        return described(definition, versions, self.state(definition), self.problem(definition))
+        said = described(definition, versions, self.state(definition), self.problem(definition))
+        return {**said, "calls": load_of(self._pools_of(definition))}
 
     def state(self, definition: Definition) -> str:
         """Return the state of a service.

@@ -11,7 +11,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -28,7 +28,7 @@ from rtask.errors import (
 from rtask.services.executors.setup import Carried, Commit
 from rtask.services.task import Task
 
-__all__ = ["Pool", "Runner", "Sizes"]
+__all__ = ["Pool", "Runner", "Sizes", "load_of"]
 
 _log = logging.getLogger(__name__)
 _CLOSE_S, _GRACE_S = 10.0, 4.0
@@ -158,6 +158,12 @@ class Pool:
         """Whether no call waits or runs."""
         with self._changed:
             return not self._waiting and len(self._threads) == self._idle
+
+    @property
+    def load(self) -> tuple[int, int]:
+        """Numbers of calls that wait, and that run."""
+        with self._changed:
+            return sum(not task.is_over for task in self._waiting), len(self._running)
 
     @property
     def state(self) -> str:
@@ -329,6 +335,12 @@ class Pool:
             self._threads.discard(threading.current_thread())
             self._add_worker()
             self._changed.notify()  # what woke this worker may be for another one
+
+
+def load_of(pools: Iterable[Pool]) -> dict[str, int]:
+    """Return how many calls of some queues are ``waiting`` and ``running``, as JSON."""
+    loads = [pool.load for pool in pools]
+    return {"waiting": sum(own[0] for own in loads), "running": sum(own[1] for own in loads)}
 
 
 def _may_pass(error: BaseException) -> bool:

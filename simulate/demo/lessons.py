@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from simulate.demo.products import by_product
@@ -31,6 +31,8 @@ class Lessons:
     followed
         Those of which it was a grasp of its own to which the graph's successes were credited: at
         the place of a remembered one, but opening wider, or higher, as suits this hand.
+    elsewhere
+        The others, by name, and whether the last robot's first attempt held all the same.
     won_in_space, recalled_in_space
         Those among them whose first success was planned on the whole view, with a full pose.
     """
@@ -41,6 +43,7 @@ class Lessons:
     followed: int = 0
     won_in_space: int = 0
     recalled_in_space: int = 0
+    elsewhere: Mapping[str, bool] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures, as ``rtask demo --json`` prints them."""
@@ -51,6 +54,7 @@ class Lessons:
             "followed": self.followed,
             "won_in_space": self.won_in_space,
             "recalled_in_space": self.recalled_in_space,
+            "elsewhere": dict(self.elsewhere),
             "sentence": self.sentence(),
         }
 
@@ -89,14 +93,17 @@ def lessons_of(done: Sequence[Mapping[str, Any]]) -> Lessons | None:
     tried = {product: source for product, source in won.items() if first.get(product)}
     recalled = [product for product in tried if first[product]["source"] == _FROM_GRAPH]
     known = {met["product"] for met in mine if met.get("recognised")}
-    followed = sum(
-        first[product].get("told", (0.0, 0.0))[0] >= _HALF_A_SUCCESS
+    followed = {
+        product
         for product in (tried.keys() & known) - set(recalled)
-    )
+        if first[product].get("told", (0.0, 0.0))[0] >= _HALF_A_SUCCESS
+    }
+    elsewhere = sorted(tried.keys() - set(recalled) - followed)
     in_space = [product for product, source in tried.items() if source == _IN_SPACE]
     return Lessons(
-        str(last["name"]), len(tried), len(recalled), followed, len(in_space),
+        str(last["name"]), len(tried), len(recalled), len(followed), len(in_space),
         sum(product in recalled for product in in_space),
+        {product: bool(first[product]["held"]) for product in elsewhere},
     )  # fmt: skip
 
 

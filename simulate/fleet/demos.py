@@ -147,9 +147,6 @@ def summarise_demos(results: Sequence[Mapping[str, Any]], max_attempts: int) -> 
     """Return the figures of all demos as JSON data, by the rules of this module."""
     demos = [_figures(result, max_attempts) for result in results]
     changes = [[with_it - alone for with_it, alone in demo["pairs"]] for demo in demos]
-    recalled = sum(demo["lessons"]["recalled"] for demo in demos)
-    won = sum(demo["lessons"]["won"] for demo in demos)
-    followed = sum(demo["lessons"]["followed"] for demo in demos)
     pairs = [pair for demo in demos for pair in demo["pairs"]]
     return {
         "demos": demos,
@@ -158,7 +155,7 @@ def summarise_demos(results: Sequence[Mapping[str, Any]], max_attempts: int) -> 
         "change": _over_demos(changes),
         "fewer": sum(sum(change) < 0 for change in changes),
         "many_more": sum(sum(change) > _TOLERATED for change in changes),
-        "lessons": {"won": won, "recalled": recalled, "followed": followed},
+        "lessons": _sums(demos, "lessons"),
         "robots": [
             _over_tables(robots, max_attempts)
             for robots in zip(*(demo["robots"] for demo in demos), strict=True)
@@ -221,8 +218,15 @@ def _robot_figures(
             "won": lessons.won,
             "recalled": lessons.recalled,
             "followed": lessons.followed,
+            "held_elsewhere": sum(lessons.elsewhere.values()),
         },
+        "elsewhere": dict(lessons.elsewhere),
     }
+
+
+def _others(lessons: Mapping[str, int]) -> int:
+    """Return how many lessons were neither recalled nor followed."""
+    return lessons["won"] - lessons["recalled"] - lessons["followed"]
 
 
 def _sums(robots: Sequence[Mapping[str, Any]], what: str) -> dict[str, int]:
@@ -304,7 +308,8 @@ def demo_words(summary: Mapping[str, Any]) -> list[str]:
         f"fewer attempts in {summary['fewer']} of {demos} demos, more than {_TOLERATED} more in "
         f"{summary['many_more']}",
         f"lessons recalled {lessons['recalled']} of {lessons['won']} won, and "
-        f"{lessons['followed']} followed by a grasp of the robot's own at the same place",
+        f"{lessons['followed']} followed by a grasp of the robot's own at the same place; of the "
+        f"other {_others(lessons)}, {lessons['held_elsewhere']} held at once elsewhere",
         *map(_over_tables_words, summary["robots"]),
     ]
 

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rtask.errors import UsageError
+from simulate.study.intervals import wilson
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Bar", "Line", "bar_chart", "line_chart"]
+__all__ = ["Bar", "Line", "bar_chart", "line_chart", "share_bar"]
 
 _SIZE_IN, _DPI = (12.4, 5.6), 100
 _PALETTE = (
@@ -46,6 +47,16 @@ class Bar:
     value: float
     low: float
     high: float
+
+
+def share_bar(group: str, name: str, hits: int, n: int) -> Bar:
+    """Return the bar of a share with its 95 % interval (Wilson 1927).
+
+    >>> share_bar("cup", "held", 3, 4).value
+    0.75
+    """
+    low, high = wilson(hits, n)
+    return Bar(group, name, hits / n if n else 0.0, low, high)
 
 
 def line_chart(path: Path, title: str, x_label: str, y_label: str, lines: Sequence[Line]) -> None:
@@ -82,7 +93,7 @@ def bar_chart(path: Path, title: str, y_label: str, bars: Sequence[Bar]) -> None
     figure, axes = _figure(title, y_label)
     groups = list(dict.fromkeys(bar.group for bar in bars))
     names = list(dict.fromkeys(bar.name for bar in bars))
-    width = _GROUP_WIDTH / len(names)
+    width = _GROUP_WIDTH / max(len(names), 1)
     for number, name in enumerate(names):
         mine = [bar for bar in bars if bar.name == name]
         offset = (number - (len(names) - 1) / 2) * width

@@ -31,6 +31,7 @@ _MATERIAL = {
     "simulate.thesis.runs.push_pose": "parts of our drawing",
     "simulate.thesis.runs.push_tables": "stand-in outlines",
     "simulate.thesis.runs.recognition": "simulated products",
+    "simulate.thesis.runs.remembered": "a simulated Panda",
     "simulate.thesis.runs.robots": "a simulated Nao",
     "simulate.thesis.runs.sense": "simulated tables",
     "simulate.thesis.runs.success": "simulated products",

@@ -17,17 +17,25 @@ _OTHERS = "a system of others, in a survey"
 
 ENTRIES = (
     _none("fig", "1.1", "1.1", "robots and the cloud", why="an illustration"),
+    _ours("experiment", "collective-learning", "1.2",
+          "sharing of trajectories, control policies and outcomes",
+          why="outcomes, and the belief in each grasp that follows from them, are shared by all "
+          "robots (beyond-lessons); the joints of an attempt are stored with it and exported, but "
+          "no robot is offered the trajectory of another, and no control policy is stored: "
+          "docs/recordings.md"),
     *(
         _none("fig", f"2.{number}", section, shows, why=_OTHERS)
         for number, section, shows in (
             (1, "2.2", "RoboEarth"), (2, "2.2", "data from many sources"),
             (3, "2.2", "Google's object recognition"), (5, "2.4", "cooperative mapping"),
             (6, "2.4", "sampling-based planning on many nodes"), (7, "2.4", "CloudThink"),
-            (8, "2.4", "Lightning: paths from experience"), (9, "2.5", "tiered human assistance"),
+            (9, "2.5", "tiered human assistance"),
             (10, "2.5", "crowdsourced identification"), (11, "2.6", "a cheap robot"),
             (12, "2.6", "CloudSim"),
         )
     ),
+    _shown("fig", "2.8", "2.4", "Lightning: paths from experience", run="remembered:paths",
+           why="a system of others, in a survey; ours tries recalled paths and new ones by turns"),
     _shown("fig", "2.4", "2.3", "grasping under uncertain shape, as in chapter 3",
            run="push_figures:tolerance_model"),
     _shown("fig", "3.1", "3.1", "the tolerance model and its results",
@@ -108,7 +116,8 @@ ENTRIES = (
     _ours("fig", "5.2", "5.2", "platform and service as flowcharts",
           why="a class becomes a service by its entry point: docs/services.md"),
     _ours("fig", "5.3", "5.6", "architecture of Brass",
-          why="queues, workers and pipelines of rtask.services: docs/workers.md"),
+          why="queues and pipelines of rtask.services, and workers that start and stop by load, as "
+          "processes or containers: docs/workers.md"),
     _ours("fig", "5.4", "5.8", "web application for motion planning", why="page /tools/arm"),
     _ours("fig", "5.5", "5.8", "web application for grasping", why="page /tools/grasp"),
     _ours("listing", "kinematics", "5.7", "a service in code",

@@ -125,7 +125,7 @@ def test_a_robots_token_asks_and_does_not_judge(
     judged = nao_1.post("/engine/give_feedback", json={"task_id": "urn:x", "verdict": "confirm"})
     assert judged.status_code == 403
     with rtask.connect(guarded.url, token=make_token("--name", "ann", "--role", "teacher")) as ann:
-        with pytest.raises(rtask.errors.RtaskError, match="cannot judge for 'bob'"):
+        with pytest.raises(rtask.errors.RtaskError, match="cannot act for 'bob'"):
             ann.give_feedback(verdict="confirm", task_id="urn:x", operator="bob")
         with pytest.raises(rtask.errors.RtaskError, match="nothing to judge"):
             ann.give_feedback(verdict="confirm", task_id="urn:x")

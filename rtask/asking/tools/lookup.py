@@ -12,6 +12,7 @@ import ontology
 from rtask.asking.cards import card_of
 from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, rest, tool
 from rtask.asking.tools.values import Fact, Value
+from rtask.errors import UnknownTermError
 from rtask.rdf.terms import RDF_TYPE, Literal, NamedNode, TripleKey, triple_key
 from rtask.wire.message import Answer
 from rtask.wire.types import Text
@@ -112,7 +113,7 @@ def describe(asked: Asked, request: Describe) -> Description:
         term=asked.terms.short(term),
         kind=kind,
         count=_count(asked, term, kind),
-        example=card_of(kb.select, term).example if kind in ("class", "property") else "",
+        example=_example(asked, term, kind),
         facts=[asked.terms.fact(triple, about=term) for triple in triples[request.offset : end]],
         **rest(end, len(triples) - end),
     )
@@ -149,14 +150,26 @@ def _readable(asked: Asked, quads: Iterable[Quad]) -> Iterator[Quad]:
 
 
 def _kind(asked: Asked, term: NamedNode, is_mentioned: bool) -> str:
+    quads = asked.kb.store.quads_for_pattern
     types = {quad.object for quad in asked.kb.match(term, RDF_TYPE)}
     if types & _CLASSES:
         return "class"
-    if types & _PROPERTIES:
+    # A predicate that nothing declares is a property, too, and not unknown.
+    if types & _PROPERTIES or any(_readable(asked, quads(None, term, None, None))):
         return "property"
     if term in asked.kb.store.named_graphs():
         return "graph"
     return "thing" if is_mentioned else "unknown"
+
+
+def _example(asked: Asked, term: NamedNode, kind: str) -> str:
+    """Return a query with a class or property; empty for a predicate that nothing declares."""
+    if kind not in ("class", "property"):
+        return ""
+    try:
+        return card_of(asked.kb.select, term).example
+    except UnknownTermError:
+        return ""
 
 
 def _count(asked: Asked, term: NamedNode, kind: str) -> int:

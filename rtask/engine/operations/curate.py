@@ -15,8 +15,9 @@ from rtask.engine.curation.merging import merge_objects, present_name
 from rtask.engine.curation.splitting import forget_object, forget_views, split_object
 from rtask.engine.curation.undoing import undo
 from rtask.engine.operations.operation import operation
+from rtask.engine.records.identity import check_agent
 from rtask.engine.records.objects import is_forgotten, no_object
-from rtask.errors import ForbiddenError, UnknownTermError, UsageError, nearest
+from rtask.errors import UnknownTermError, UsageError, nearest
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import NamedNode, literal
 from rtask.wire.message import Answer, Message
@@ -76,10 +77,7 @@ def author_of(context: Context, operator: str | None, access: Access) -> Access:
     ForbiddenError
         The token belongs to another person.
     """
-    if access.role == "teacher" and access.agent and operator and operator != access.agent:
-        raise ForbiddenError(
-            f"the token belongs to {access.agent!r}: it cannot act for {operator!r}"
-        )
+    check_agent(operator, access, "operator")
     return context.author(access, operator, "teacher")
 
 

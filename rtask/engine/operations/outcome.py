@@ -11,7 +11,7 @@ from rtask.engine.memory.causes import StatingCauses, state_causes
 from rtask.engine.memory.statistics import GraspStatistics, Pending, over_all_robots, totalled
 from rtask.engine.operations.operation import operation
 from rtask.engine.records.clock import clocked
-from rtask.engine.records.identity import check_operator, check_task
+from rtask.engine.records.identity import check_operator, check_task, confirmed
 from rtask.engine.records.objects import no_object
 from rtask.engine.records.outcomes import Outcome, OutcomeReport
 from rtask.engine.records.received import received
@@ -87,15 +87,16 @@ class ReportedOutcome(Answer):
 @operation("write", "writes", "store the outcome of a grasp on a known object", deferrable=True)
 def report_outcome(context: Context, request: ReportOutcome, access: Access) -> ReportedOutcome:
     """Store an attempt and its outcome; answer with the grasp's statistics over all robots."""
-    gripper = context.grippers.find(request.gripper_id, access)
+    gripper = context.grippers.find(request.gripper_id, access, is_acting=True)
     ahead_s = context.policy.clock_ahead_s
-    outcome = Outcome.of(_report(request), context.reasons, "outcome").by_our_clock(ahead_s)
+    check_operator(request.operator, access)
+    report = confirmed(_report(request), access, "" if request.outcome is None else "outcome.")
+    outcome = Outcome.of(report, context.reasons, "outcome").by_our_clock(ahead_s)
     ended, wrong = clocked(request.stamp, ahead_s)
     if wrong and not outcome.clock and outcome.report.ended is None:
         outcome = replace(outcome, comments=(*outcome.comments, wrong), clock=wrong)
     task_id = request.task_id
     check_task(context, task_id, access)
-    check_operator(context, outcome.report.operator, access)
     decision = context.decisions.get(task_id)
     grasp = received(_grasp(request), "grasp").completed(decision)
     object_iri = _object(context, request.object or (decision.object if decision else ""))

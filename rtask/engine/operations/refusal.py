@@ -45,7 +45,7 @@ def report_refusal(context: Context, request: ReportRefusal, access: Access) -> 
     if not homes:
         raise UnknownTermError(f"refusal: the graph has no refusal {request.refusal}")
     author = context.author(access, _robot_of(context, refusal))
-    if author.role == "robot" and context.home_graph(author) not in homes:
+    if access.agent is not None and context.home_graph(author) not in homes:
         raise ForbiddenError(f"refusal: {request.refusal} is that of another robot")
     commit = store_response(context, refusal, request.response, author)
     if commit is None:

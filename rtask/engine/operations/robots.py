@@ -136,7 +136,7 @@ def register_robot(context: Context, request: RegisterRobot, access: Access) -> 
         Another body is registered under the name: its attempts were not made by this one.
     """
     name = request.name
-    if access.role == "robot" and name != access.agent:
+    if access.agent is not None and (name != access.agent or access.role != "robot"):
         raise ForbiddenError(
             f"the token belongs to {access.agent!r}: it cannot register {name!r}",
             operation="register_robot",

@@ -1,4 +1,4 @@
-"""The token determines who acts: tasks and persons that a robot may name in its messages."""
+"""The token determines who acts: tasks and persons that a caller may name in its messages."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import uuid
 from typing import TYPE_CHECKING
 
 from rtask.errors import ForbiddenError
+from rtask.kb.commit.access import unnamed_person
 from rtask.rdf.namespaces import PREFIXES, is_owned
 from rtask.rdf.terms import literal
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
+    from rtask.engine.records.outcomes import OutcomeReport
     from rtask.kb.commit.access import Access
 
-__all__ = ["check_agent", "check_operator", "check_task"]
+__all__ = ["check_agent", "check_operator", "check_task", "confirmed"]
 
 
 def check_task(context: Context, task_id: str | None, access: Access, where: str = "") -> None:
@@ -72,34 +74,60 @@ SELECT DISTINCT ?name WHERE {{
     return {str(row.value("name")) for row in rows}
 
 
-def check_operator(context: Context, operator: str | None, access: Access, where: str = "") -> None:
-    """Refuse a robot to speak for a robot or person that has written to the graph itself.
+def check_operator(operator: str | None, access: Access, where: str = "") -> None:
+    """Refuse a caller that confirms an outcome in the name of somebody else.
+
+    Whether that person has a token plays no part: one may be issued tomorrow.
+
+    Parameters
+    ----------
+    where
+        Path of the message inside a larger one, ``objects[2].``.
 
     Raises
     ------
     ForbiddenError
         Naming the field.
     """
-    if access.role != "robot" or not operator or operator == access.agent:
-        return
-    graph = context.kb.graphs.agent(operator)
-    if context.kb.query(f"ASK {{ GRAPH {graph} {{ ?s ?p ?o }} }}"):
+    if access.agent and operator and operator != access.agent:
         raise ForbiddenError(
             f"{where}operator: the token belongs to {access.agent!r}: it cannot confirm for "
-            f"{operator!r}, who has a token to do so (give_feedback)",
+            f"{operator!r}, who needs a token of their own to do so (give_feedback); leave "
+            "operator out",
             field=f"{where}operator",
         )
 
 
+def confirmed(report: OutcomeReport, access: Access, where: str = "") -> OutcomeReport:
+    """Return an outcome with the name of the confirming person: the caller, or nobody's.
+
+    Whoever confirms through a robot has a name that no token can have
+    (:func:`~rtask.kb.commit.access.unnamed_person`).
+
+    Raises
+    ------
+    ForbiddenError
+        As :func:`check_operator`.
+    """
+    check_operator(report.operator, access, where)
+    if report.confirmed_by != "human" or not access.agent:
+        return report
+    person = unnamed_person(access.agent) if access.role == "robot" else access.agent
+    return report.model_copy(update={"operator": person})
+
+
 def check_agent(named: str | None, access: Access, field: str = "agent") -> None:
-    """Refuse a robot that says that another one, or a person, acts.
+    """Refuse a caller that says that somebody else acts.
+
+    Administrators and the program that opened the store have no name of their own, and may name
+    whom they act for.
 
     Raises
     ------
     ForbiddenError
         Naming whose token it is.
     """
-    if access.role == "robot" and access.agent and named and named != access.agent:
+    if access.agent and named and named != access.agent:
         raise ForbiddenError(
             f"{field}: the token belongs to {access.agent!r}: it cannot act for {named!r}",
             field=field,

@@ -18,7 +18,7 @@ from rtask.engine.perception.identity import is_plausible, recognise, settle
 from rtask.engine.perception.observation import Look, observe_once
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose, locate
-from rtask.engine.records.identity import check_operator, check_task
+from rtask.engine.records.identity import check_operator, check_task, confirmed
 from rtask.engine.records.objects import no_object, viewpoint_of
 from rtask.engine.records.outcomes import Outcome, OutcomeReport
 from rtask.engine.records.places import Located, located
@@ -140,8 +140,10 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     """
     gripper = _gripper(context, item, access)
     check_task(context, item.task_id, access, where)
-    named = item.operator if item.outcome is None else item.outcome.operator
-    check_operator(context, named, access, where)
+    check_operator(item.operator, access, where)
+    if item.outcome is not None:
+        report = confirmed(item.outcome, access, f"{where}outcome.")
+        item = item.model_copy(update={"outcome": report})
     before = stored_before(context, item.task_id, access, gripper)
     if before is not None:
         if item.outcome is not None:
@@ -180,7 +182,7 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     grasp = _grasp(item, where)
     if grasp is not None:
         grasp = grasp.placed(placement).completed(decision)
-    outcome = _outcome(context, item, grasp, where)
+    outcome = _outcome(context, item, grasp, access, where)
     if item.outcome is not None and gripper is None:
         raise UsageError(
             f"{where}gripper_id is missing: an outcome needs a gripper; "
@@ -253,7 +255,7 @@ SELECT ?view WHERE {{ ?content rt:hasBlob {blob} . ?view rt:viewContent ?content
 
 def _gripper(context: Context, item: NewObject, access: Access) -> StoredGripper | None:
     try:
-        return context.grippers.find(item.gripper_id, access)
+        return context.grippers.find(item.gripper_id, access, is_acting=True)
     except UnknownTermError:
         if item.gripper_id:
             raise
@@ -281,7 +283,7 @@ def _grasp(item: NewObject, where: str) -> Received | None:
 
 
 def _outcome(
-    context: Context, item: NewObject, grasp: Received | None, where: str
+    context: Context, item: NewObject, grasp: Received | None, access: Access, where: str
 ) -> Outcome | None:
     report = item.outcome
     if report is None:
@@ -290,6 +292,7 @@ def _outcome(
         # As in the thesis, a person has validated the insertion (Gatto 2016, 3.2.4).
         given = {"success": item.success, "confirmed_by": item.confirmed_by or "human"}
         report = read(OutcomeReport, {**given, "operator": item.operator})
+        report = confirmed(report, access, where)
     elif grasp is None:
         raise UsageError(f"{where}grasp is missing: an outcome needs a grasp")
     outcome = Outcome.of(report, context.reasons, where + "outcome")

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 from pyoxigraph import NamedNode, Quad, RdfFormat, parse
 
 from rtask.errors import DataError, ForbiddenError, UsageError
+from rtask.interop.episodes.demonstrations import is_dataset, read_demonstrations
 from rtask.interop.episodes.episode import blobs_of
 from rtask.interop.episodes.recording import BLOBS_TOPIC, RECORDING, STATEMENTS_TOPIC, Written
 
 if TYPE_CHECKING:
     from rtask.kb.commit.access import Access
     from rtask.kb.core import GraphCore
-    from rtask.rdf.terms import GraphName
 
 __all__ = ["read_episodes"]
 
@@ -34,7 +34,8 @@ def read_episodes(kb: GraphCore, path: Path, access: Access | None = None) -> Wr
         The graph, open for writing.
     path
         From :func:`~rtask.interop.episodes.recording.write_episodes`, or a data set of
-        :mod:`~rtask.interop.episodes.lerobot`.
+        :mod:`~rtask.interop.episodes.lerobot`, or one of others, of which there is less to read
+        (:mod:`~rtask.interop.episodes.demonstrations`).
     access
         Rights of who imports; a robot's file may hold its own episodes alone. None = the owner.
 
@@ -46,10 +47,12 @@ def read_episodes(kb: GraphCore, path: Path, access: Access | None = None) -> Wr
         It speaks in the name of another than whose graph it is in, or than the importing robot.
     """
     if path.is_dir():
+        if is_dataset(path) and not (path / RECORDING).is_file():
+            return read_demonstrations(kb, path, access)
         path = path / RECORDING
         if not path.is_file():
             raise DataError(
-                f"{path.parent.parent} is no data set of `rtask episodes export`: no {RECORDING}"
+                f"{path.parent.parent} is no data set: neither {RECORDING} nor meta/info.json"
             )
     quads: dict[Quad, None] = {}
     blobs: dict[str, bytes] = {}
@@ -132,9 +135,6 @@ def _check_names(
     def speaks_here(name: str) -> bool:
         return bool(kb.match(graph=kb.graphs.agent(name)))
 
-    def is_used(graph: GraphName) -> bool:
-        return speaks_here(names.owner(graph) or "")
-
     rights = None if access is None else access.bind(kb.graphs)
     for quad, here in zip(quads, owned, strict=True):
         if rights is not None:
@@ -143,7 +143,7 @@ def _check_names(
         base = str(quad.graph_name).strip("<>").partition("graph/")[0]
         for names in {kb.graphs.base: kb.graphs, base: Graphs(base)}.values():
             if owner is not None:
-                Access(owner, "robot").require_own_identity(here, names, is_used)
+                Access(owner, "robot").require_own_identity(here, names)
                 continue
             acting = actor_of(here, names)
             if acting is not None and speaks_here(acting[1]) and not kb.match(*here):

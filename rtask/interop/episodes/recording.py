@@ -2,7 +2,7 @@
 
 Any viewer of such files shows what the robot saw and, as JSON, what it did and judged. Two further
 topics hold the statements (N-Quads) and their binary data, so that nothing is lost on the way into
-another graph.
+another graph. An MCAP file is compressed (zstd).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -21,6 +21,8 @@ from pyoxigraph import RdfFormat, serialize
 from rtask.errors import UsageError
 from rtask.interop.episodes.episode import Episode, blobs_of, statements_of
 from rtask.interop.episodes.motion import Motion
+from rtask.interop.episodes.situation import Situation, situations_of
+from rtask.rdf.namespaces import PREFIXES
 
 if TYPE_CHECKING:
     from features.geometry import Frame
@@ -33,6 +35,8 @@ RECORDING = "rtask/episodes.mcap"
 STATEMENTS_TOPIC, BLOBS_TOPIC, _EPISODES = "/rtask/statements", "/rtask/blobs", "/rtask/episodes"
 _SUFFIXES = (".mcap", ".bag")
 _NS = 1_000_000_000
+_TF_KIND = "tf2_msgs/msg/TFMessage"
+_TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms"
 
 Progress = Callable[[int, int], None]
 
@@ -124,7 +128,11 @@ class _Rosbag:
 
 
 def write_episodes(
-    kb: GraphCore, episodes: Iterable[Episode], path: Path, progress: Progress | None = None
+    kb: GraphCore,
+    episodes: Iterable[Episode],
+    path: Path,
+    progress: Progress | None = None,
+    urdf: str = "",
 ) -> Written:
     """Write episodes to a file, wholly or not at all.
 
@@ -138,11 +146,14 @@ def write_episodes(
         ``.mcap`` or ``.bag``; it must not exist.
     progress
         Called with how many episodes are written and how many there are.
+    urdf
+        Description of the robot, whose episodes alone are in the file; empty = not known. With it,
+        a viewer shows the robot as its joints move.
 
     Raises
     ------
     UsageError
-        The file exists, or its extension is another.
+        A description is given for several robots, the file exists, or its extension is another.
     MissingBlobError
         Binary data that a statement names is not in the graph's store.
     """
@@ -152,23 +163,32 @@ def write_episodes(
         raise UsageError(f"{path} exists; give another name or remove it")
     if not path.parent.is_dir():
         raise UsageError(f"{path}: there is no folder {path.parent}")
+    episodes = sorted(episodes, key=lambda episode_: (episode_.ended, episode_.attempt))
+    robots = sorted({episode.robot_name for episode in episodes})
+    if urdf and len(robots) > 1:
+        raise UsageError(f"a description is that of one robot, and there are {', '.join(robots)}")
     from rosbags import rosbag1, rosbag2
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     # Beside the file, so that moving it there at the end is one step.
     folder = Path(tempfile.mkdtemp(prefix=f".{path.stem}-", dir=path.parent))
     try:
         if path.suffix == ".bag":
             store = get_typestore(Stores.ROS1_NOETIC)
+            store.register(get_types_from_msg(_TF_MESSAGE, _TF_KIND))
             with rosbag1.Writer(folder / "made.bag") as writer:
                 bag = _Rosbag(writer, store, store.serialize_ros1, has_sequence=True)
-                written = _write(kb, episodes, bag, progress)
+                written = _write(kb, episodes, bag, progress, urdf)
         else:
             store = get_typestore(Stores.ROS2_HUMBLE)
             plugin = rosbag2.StoragePlugin.MCAP
-            with rosbag2.Writer(folder / "made", version=9, storage_plugin=plugin) as writer:
-                bag = _Rosbag(writer, store, store.serialize_cdr, has_sequence=False)
-                written = _write(kb, episodes, bag, progress)
+            recording = rosbag2.Writer(folder / "made", version=9, storage_plugin=plugin)
+            recording.set_compression(
+                rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD
+            )
+            with recording:
+                bag = _Rosbag(recording, store, store.serialize_cdr, has_sequence=False)
+                written = _write(kb, episodes, bag, progress, urdf)
         (made,) = folder.rglob(f"*{path.suffix}")
         made.replace(path)
     finally:
@@ -177,15 +197,23 @@ def write_episodes(
 
 
 def _write(
-    kb: GraphCore, episodes: Iterable[Episode], sink: _Sink, progress: Progress | None
+    kb: GraphCore,
+    in_order: Sequence[Episode],
+    sink: _Sink,
+    progress: Progress | None,
+    urdf: str,
 ) -> Written:
     written, blobs_done = Written(), set[str]()
     busy: dict[tuple[str, tuple[str, ...]], int] = {}
-    in_order = sorted(episodes, key=lambda episode_: (episode_.ended, episode_.attempt))
+    situations, cameras = situations_of(kb, in_order), _cameras(kb)
     for episode in in_order:
         ended = int(episode.ended.timestamp() * _NS)
         motion = Motion.from_bytes(kb.blobs.read(episode.motion)) if episode.motion else None
         started = _start(episode, motion, ended, busy)
+        if urdf and not written.episodes:
+            topic = f"/{_topic(episode)}/robot_description"
+            sink.write(topic, "std_msgs/msg/String", {"data": urdf}, started)
+        _write_pose(sink, situations[episode.attempt], episode, started)
         quads = statements_of(kb, episode)
         facts = {**episode.to_json(), "statements": len(quads)}
         for name in blobs_of(quads):
@@ -197,11 +225,12 @@ def _write(
             written.views += _write_view(sink, f"/{_topic(episode)}/camera", data, started)
             written.blobs += 1
         for picture in episode.pictures:
-            topic = f"/{_topic(episode)}/attempt/image/compressed"
+            phase = _fit(picture.phase) or "image"
+            topic = f"/{_topic(episode)}/attempt/{phase}/compressed"
             data = kb.blobs.read(picture.blob)
             kind = "png" if data.startswith(b"\x89PNG") else "jpeg"
             fields = {
-                "header": ("header", ended, picture.phase),
+                "header": ("header", ended, cameras.get(episode.robot, "")),
                 "format": kind,
                 "data": np.frombuffer(data, np.uint8),
             }
@@ -249,8 +278,36 @@ def _start(
 
 def _topic(episode: Episode) -> str:
     """Return a robot's name as a name of ROS: letters, digits and underscores."""
-    name = episode.robot_name or episode.robot.rpartition("/")[2]
-    return "".join(c if c.isascii() and c.isalnum() else "_" for c in name) or "robot"
+    return _fit(episode.robot_name or episode.robot.rpartition("/")[2]) or "robot"
+
+
+def _fit(name: str) -> str:
+    return "".join(c if c.isascii() and c.isalnum() else "_" for c in name)
+
+
+def _cameras(kb: GraphCore) -> dict[str, str]:
+    """Return the frame of the camera of each robot that has a single one."""
+    frames: dict[str, set[str]] = {}
+    for row in kb.select(f"""{PREFIXES}
+SELECT ?robot ?frame {{ ?robot rt:hasSensor/rt:bodyFrame/rt:frameId ?frame }}"""):
+        frames.setdefault(str(row.value("robot")), set()).add(str(row.value("frame")))
+    return {robot: next(iter(named)) for robot, named in frames.items() if len(named) == 1}
+
+
+def _write_pose(sink: _Sink, situation: Situation, episode: Episode, time_ns: int) -> None:
+    """Write where the object was when an attempt began, as a frame in the robot's own."""
+    if situation.pose is None:
+        return
+    x, y, z, qx, qy, qz, qw = map(float, situation.pose)
+    place = ("geometry_msgs/msg/Vector3", {"x": x, "y": y, "z": z})
+    turn = ("geometry_msgs/msg/Quaternion", {"x": qx, "y": qy, "z": qz, "w": qw})
+    stamped = {
+        "header": ("header", time_ns, situation.frame_id),
+        "child_frame_id": episode.thing_name or str(episode.thing),
+        "transform": ("geometry_msgs/msg/Transform", {"translation": place, "rotation": turn}),
+    }
+    transforms = {"transforms": [("geometry_msgs/msg/TransformStamped", stamped)]}
+    sink.write("/tf", _TF_KIND, transforms, time_ns)
 
 
 def _write_motion(sink: _Sink, space: str, motion: Motion, span_ns: tuple[int, int]) -> None:

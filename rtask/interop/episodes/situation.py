@@ -75,7 +75,7 @@ def situations_of(kb: GraphCore, episodes: Iterable[Episode]) -> dict[str, Situa
             f"{PREFIXES} SELECT ?robot ?model {{ ?robot rt:hasRobotModel ?model }} ORDER BY ?model"
         )
     }
-    poses = _poses(kb, things)
+    poses, wordings = _poses(kb, things), _tasks_in_words(kb)
     made = {}
     for episode in recorded:
         thing = episode.thing or ""
@@ -87,10 +87,19 @@ def situations_of(kb: GraphCore, episodes: Iterable[Episode]) -> dict[str, Situa
             if seen.robot == episode.robot and holds:
                 frame, pose = seen.frame_id, seen.pose
         made[episode.attempt] = Situation(
-            _task(episode.thing_name or _NOBODY, colours.get(thing, []), kinds.get(thing, "")),
+            wordings.get(episode.attempt)
+            or _task(episode.thing_name or _NOBODY, colours.get(thing, []), kinds.get(thing, "")),
             models.get(episode.robot, "") or episode.robot_name, frame, pose,
         )  # fmt: skip
     return made
+
+
+def _tasks_in_words(kb: GraphCore) -> dict[str, str]:
+    """Return the tasks of attempts at no stored object, which are in the words of others."""
+    rows = kb.select(f"""{PREFIXES}
+SELECT ?attempt ?words {{ ?task rt:through ?attempt ; rt:taskName ?words
+  FILTER NOT EXISTS {{ ?task rt:handles ?thing }} }} ORDER BY ?attempt ?words""")
+    return {str(row.value("attempt")): str(row.value("words")) for row in rows}
 
 
 def _task(name: str, colours: list[str], kind: str) -> str:

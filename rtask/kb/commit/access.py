@@ -20,7 +20,7 @@ from rtask.errors import ForbiddenError, UsageError
 from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, NamedNode
 
-__all__ = ["RIGHTS", "Access", "Role", "actor_of"]
+__all__ = ["RIGHTS", "Access", "Role", "actor_of", "unnamed_person"]
 
 Role: TypeAlias = OneOf["reader", "robot", "teacher", "admin", "anonymous"]
 RIGHTS = frozenset(("rules", "replicate", "deploy", "schema"))
@@ -50,6 +50,17 @@ def actor_of(quad: Quad, graphs: Graphs) -> tuple[bool, str] | None:
             name = unquote(named.value.removeprefix(start).partition("/")[0])
             return folder == "person", name
     return None
+
+
+def unnamed_person(agent: str) -> str:
+    """Return the name of whoever confirms an outcome through a robot, unnamed.
+
+    Names of tokens have no spaces, so that it can never be that of somebody with a token.
+
+    >>> unnamed_person("nao-1")
+    'operator of nao-1'
+    """
+    return f"operator of {agent}"
 
 
 @dataclass(frozen=True)
@@ -193,15 +204,8 @@ class Access:
             protected=protected,
         )
 
-    def require_own_identity(
-        self, quad: Quad, graphs: Graphs, is_used: Callable[[GraphName], bool]
-    ) -> None:
-        """Raise if a robot states what another robot or a person did, saw or judged.
-
-        Parameters
-        ----------
-        is_used
-            Whether a graph has statements: who writes to a graph speaks by a token of its own.
+    def require_own_identity(self, quad: Quad, graphs: Graphs) -> None:
+        """Raise if a caller states what another robot or person did, saw or judged.
 
         Raises
         ------
@@ -211,8 +215,8 @@ class Access:
         acting = actor_of(quad, graphs)
         if self.of_owner or acting is None:
             return
-        is_person, name = acting
-        if name == self.agent or (is_person and not is_used(graphs.agent(name))):
+        name = acting[1]
+        if name in (self.agent, unnamed_person(self.agent or "")):
             return
         raise ForbiddenError(
             f"the token belongs to {self.agent!r}: it cannot state {quad.predicate} "

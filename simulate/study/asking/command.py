@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from simulate import options
+from simulate.study.chart import Line, line_chart
 from simulate.study.command import study_command
 from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import bootstrap
@@ -19,6 +20,7 @@ __all__ = ["asking_price", "summary_of"]
 _PRICES = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 _COLUMNS = ("price of asking", "questions", "failed steps", "reached", "cost", "never asks: cost",
             "always asks: cost", "saved against the better one", "95 %")  # fmt: skip
+_CHART = "costs.png"
 
 
 @study_command("rtask-asking-price", "asking-price", with_preset=False)
@@ -65,10 +67,17 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
         f"{row['reached']} of {row['goals']} goals reached"
         for rule, row in summary["rules"].items()
     ]
+    prices = [float(row["price"]) for row in summary["prices"]]
+    costs = (("weighed", "cost"), ("never ask", "never"), ("always ask", "always"))
+    line_chart(
+        folder / _CHART, f"Costs of a lab, a failed step at {settings['failing']:g}",
+        "price of a question", "cost of a lab",
+        [Line(name, prices, [row[key] for row in summary["prices"]]) for name, key in costs],
+    )  # fmt: skip
     return Report(
         summary,
         [Table(f"Costs of a lab, a failed step at {settings['failing']:g}", _COLUMNS, rows)], ends,
-        more={"trials": [dict(result) for result in results]},
+        more={"trials": [dict(result) for result in results]}, pictures=[_CHART],
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from simulate import options
+from simulate.study.chart import bar_chart, share_bar
 from simulate.study.command import study_command
 from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import wilson
@@ -17,6 +18,7 @@ from simulate.study.intervals import wilson
 __all__ = ["day", "summary_of"]
 
 _VERDICTS = ("right", "not known", "wrong")
+_CHART = "shares.png"
 
 
 @study_command("rtask-day", with_preset=False)
@@ -49,6 +51,9 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
     within = [[kind, str(each["samples"]), f"{each['share']:.3f}",
                "{:.3f} to {:.3f}".format(*each["share_95"])]
               for kind, each in summary["calibration"].items()]  # fmt: skip
+    bars = [share_bar(kind, verdict, counts[verdict], sum(counts.values()))
+            for kind, counts in summary["verdicts"].items() for verdict in _VERDICTS]  # fmt: skip
+    bar_chart(folder / _CHART, "Questions about the day", "share of answers", bars)
     return Report(
         summary,
         [
@@ -66,6 +71,7 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
             f"a robot that arrived found {summary['found_at_first_look']} of "
             f"{summary['looked_for']} at first look",
         ],
+        pictures=[_CHART],
     )  # fmt: skip
 
 

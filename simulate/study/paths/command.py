@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from simulate import options
+from simulate.study.chart import Bar, bar_chart
 from simulate.study.command import study_command
 from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import bootstrap
@@ -19,6 +20,8 @@ __all__ = ["paths", "summary_of"]
 _COLUMNS = ("table", "things", "need a search", "reached anew, recalled", "postures anew, recalled",
             "of the first way", "all checked, shortening too", "whole planning",
             "processor time", "way")  # fmt: skip
+_CHART = "ratios.png"
+_DRAWN = (("of_first", "until the first way"), ("work", "whole planning"), ("way_s", "way"))
 _SHARES = ("checks", "of_first", "all", "work", "cpu_s", "way_s")
 
 
@@ -54,9 +57,16 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
         counts = [kind, str(row["things"]), str(row["searched"]), reached, checks]
         rows.append([*counts, *(_words(row[name]) for name in _SHARES[1:])])
     verdicts = [f"{kind}: {row['verdict']}" for kind, row in summary["tables"].items()]
+    bars = [
+        Bar(kind, words, row[name]["ratio"], *row[name]["interval95"])
+        for kind, row in summary["tables"].items() for name, words in _DRAWN
+    ]  # fmt: skip
+    bar_chart(folder / _CHART, f"{settings['robot']}: remembered over anew", "ratio", bars)
     title = f"{settings['robot']}: ratios are recalled / anew, with 95 % intervals"
-    return Report(summary, [Table(title, _COLUMNS, rows)], verdicts,
-                  more={"trials": [dict(result) for result in results]})  # fmt: skip
+    return Report(
+        summary, [Table(title, _COLUMNS, rows)], verdicts,
+        more={"trials": [dict(result) for result in results]}, pictures=[_CHART],
+    )  # fmt: skip
 
 
 def _words(ratio: Mapping[str, Any]) -> str:

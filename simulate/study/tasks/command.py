@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from simulate import options
+from simulate.study.chart import bar_chart, share_bar
 from simulate.study.command import study_command
 from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import wilson
@@ -17,6 +18,7 @@ from simulate.study.intervals import wilson
 __all__ = ["summary_of", "tasks"]
 
 _COLUMNS = ("event", "goals", "possible", "reached", "declined", "given up", "planned again")
+_CHART = "shares.png"
 
 
 @study_command("rtask-tasks", with_preset=False)
@@ -47,6 +49,14 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
     rows = [[name or "none", *(str(row[column]) for column in _COLUMNS[1:])]
             for name, row in summary["by_event"].items()]  # fmt: skip
     low, high = summary["reached_95"]
+    bars = []
+    for event in summary["by_event"]:
+        ends = [result["result"] for result in results
+                if result["event"] == event and _counts(result)]  # fmt: skip
+        if ends:
+            bars.append(share_bar(event or "none", "reached", ends.count("reached"), len(ends)))
+    bar_chart(folder / _CHART, "Goals reached, by what came between", "share of those possible",
+              bars)  # fmt: skip
     return Report(
         summary,
         [Table("Random goals", _COLUMNS, rows)],
@@ -57,6 +67,7 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
             f"{summary['wrong']}, stored twice {summary['twice']}; slowest repair "
             f"{summary['slowest_repair_s']:.2f} s of processor time",
         ],
+        pictures=[_CHART],
     )
 
 
@@ -66,10 +77,7 @@ def summary_of(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     Goals that a person declined, and those that no arm could reach after the event, are counted
     apart.
     """
-    possible = [
-        result for result in results
-        if result["result"] != "declined" and result["possible"]
-    ]  # fmt: skip
+    possible = [result for result in results if _counts(result)]
     reached = sum(result["result"] == "reached" for result in possible)
     events = dict.fromkeys(result["event"] for result in results)
     return {
@@ -85,6 +93,11 @@ def summary_of(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "by_event": {event: _row(event, results) for event in events},
         "trials": [dict(result) for result in results],
     }
+
+
+def _counts(result: Mapping[str, Any]) -> bool:
+    """Whether a goal could be reached, and nobody declined it."""
+    return bool(result["result"] != "declined" and result["possible"])
 
 
 def _row(event: str, results: Sequence[Mapping[str, Any]]) -> dict[str, int]:

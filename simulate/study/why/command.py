@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from simulate import options
+from simulate.study.chart import bar_chart, share_bar
 from simulate.study.command import study_command
 from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import wilson
@@ -14,6 +15,7 @@ from simulate.study.intervals import wilson
 __all__ = ["summary_of", "why"]
 
 _COLUMNS = ("injected", "failures", "cause first", "among three", "mended", "by the same again")
+_CHART = "shares.png"
 
 
 @study_command("rtask-why", with_preset=False)
@@ -43,7 +45,12 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
         f"processor time of a question: mean {summary['asked_s']:.2f} s, longest "
         f"{summary['longest_s']:.2f} s"
     )
-    return Report(summary, [Table("Injected failures", _COLUMNS, rows)], lines)
+    bars = [
+        share_bar(kind, name, row[name], row["failures"])
+        for kind, row in summary["by_kind"].items() for name in ("cause first", "mended")
+    ]  # fmt: skip
+    bar_chart(folder / _CHART, "Injected failures", "share", bars)
+    return Report(summary, [Table("Injected failures", _COLUMNS, rows)], lines, pictures=[_CHART])
 
 
 def summary_of(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -92,28 +92,27 @@ def _chart(title: str, curves: dict[str, Any]) -> str:
 
 def actuator_delay(setting: Setting) -> Result:
     """Actions that are carried out late, told to the learner or not: what TEXPLORE promises."""
-    lives = setting.size(20, 3)
-    names = ("Dyna", "Q-learning") if setting.fast else ("TEXPLORE", "Dyna", "Q-learning")
-    ways: list[list[Any]] = [
-        [name, delay, is_announced]
-        for name in names
-        for delay, is_announced in ((0, False), (_DELAY, True), (_DELAY, False))
-    ]
-    results = setting.trials(_study("learners with late actuators", setting, lives, ways))
-    rows, curves = [], {}
-    for way, (name, delay, is_announced) in enumerate(ways):
-        mine = [result for result in results if result["way"] == way]
-        what = f"{name}, {'told of' if is_announced else 'not told of'} a delay of {delay} steps"
-        what = what if delay else f"{name}, no delay"
-        rows.append(_late(mine, what))
-        curves[what] = np.mean([r["returns"] for r in mine], axis=0)
+    rows: list[Compared] = []
+    curves = {}
+    sizes = {"TEXPLORE": setting.size(20, 1), "Dyna": setting.size(20, 3)}
+    for name in ("TEXPLORE", "Dyna", "Q-learning"):
+        ways: list[list[Any]] = [[name, 0, False], [name, _DELAY, True], [name, _DELAY, False]]
+        lives = sizes.get(name, sizes["Dyna"])
+        study = _study(f"{name} with late actuators", setting, lives, ways)
+        results = setting.trials(study)
+        for way, (_, delay, is_announced) in enumerate(ways):
+            mine = [result for result in results if result["way"] == way]
+            told = "told of" if is_announced else "not told of"
+            what = f"{name}, {told} a delay of {delay} steps" if delay else f"{name}, no delay"
+            rows.append(_late(mine, what))
+            curves[what] = np.mean([r["returns"] for r in mine], axis=0)
     return Result(
         tuple(rows),
         (
             "the table says that TEXPLORE takes delays of actuators, and gives no figures; a "
             "learner is told of the actions that are still to come, after Hester and Stone 2013",
-            *setting.shrunk("lives of each", 20, lives),
-            *(("TEXPLORE itself in full size only (--fast)",) if setting.fast else ()),
+            *setting.shrunk("lives of Dyna and Q-learning", 20, sizes["Dyna"]),
+            *setting.shrunk("lives of TEXPLORE, too few for an interval", 20, sizes["TEXPLORE"]),
         ),
         {"returns with late actuators": _chart("Two rooms, late actuators", curves)},
     )

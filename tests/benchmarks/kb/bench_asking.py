@@ -242,9 +242,6 @@ def report_words(shows_missed: bool) -> None:
         for name, tries in (
             ("known, each left out", question_words.known(kb)),
             ("frozen before tuning", question_words.unseen(kb)),
-            ("written afterwards", question_words.unseen(kb, "asking_fresh.toml")),
-            ("written last", question_words.unseen(kb, "asking_third.toml")),
-            ("written with counts", question_words.unseen(kb, "asking_fourth.toml")),
             ("in three styles", question_words.unseen(kb, "asking_fifth.toml")),
         ):
             tried = list(tries)

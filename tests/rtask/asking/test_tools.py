@@ -116,6 +116,17 @@ def test_terms_go_in_as_they_come_out(toolbox: Toolbox, kb: KnowledgeBase) -> No
     assert call(toolbox, "describe", term='the 5" mug, blue')["term"] == "kb:object/7"
 
 
+def test_a_predicate_that_nothing_declares_is_not_unknown() -> None:
+    with rtask.open(":memory:", base="urn:lab/", reason=False) as graph:
+        assert isinstance(graph, KnowledgeBase)
+        graph.update("INSERT DATA { <urn:lab/a> <urn:lab/seen> 1 . <urn:lab/b> <urn:lab/seen> 2 }")
+        engine = Engine(graph)
+        own = Toolbox(graph, engine, lambda access: SCOPES[access.role])
+        described = call(own, "describe", term="kb:seen")
+        engine.close()
+    assert (described["kind"], described["count"], described["example"]) == ("property", 2, "")
+
+
 def test_a_query_comes_back_with_its_certain_faults_and_a_repair(toolbox: Toolbox) -> None:
     query = "SELECT ?g {\n kb:object/7 rt:hasGrsp ?g }"
     answered = call(toolbox, "ask_sparql", query=query)

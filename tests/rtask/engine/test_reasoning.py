@@ -60,7 +60,7 @@ def test_what_the_engine_writes_has_the_shapes_of_the_ontology(bench, kb, engine
         two.call(
             "report_outcome", task_id=answer["task_id"], object=answer["object"],
             grasp=answer["grasps"][0], gripper_id="right_hand",
-            outcome=bench.missed(reason="slip_lift", confirmed_by="human", operator="ann"),
+            outcome=bench.missed(reason="slip_lift", confirmed_by="human"),
         )  # fmt: skip
     two.call("recognise_for_grasp", gripper_id="right_hand", **bench.sight(bench.PEN))
     two.insert({**bench.sight(bench.PEN)}, class_description="felt pen", name="my pen")

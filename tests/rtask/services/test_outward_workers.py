@@ -113,6 +113,42 @@ def test_two_workers_share_the_calls(server, client, tmp_path):
         assert sorted(pids) == sorted([one.pid, one.pid, other.pid, other.pid])
 
 
+def test_workers_are_started_while_calls_wait_and_end_when_fewer_are_enough(
+    server, client, tmp_path
+):
+    with working(server.url, "--slots", "1", "--up-to", "2", "--idle", "1") as first:
+        gate = tmp_path / "gate"
+        jobs = [_start(server, "work", {"until": str(gate)}) for _ in range(2)]
+        wait_for(lambda: all(_job(server, job)["state"] == "running" for job in jobs))
+        described = client.describe_service("farm/Field")
+        assert described["calls"] == {"waiting": 0, "running": 2}
+        gate.touch()
+        pids = {_job(server, job, wait=LONG_S)["answer"]["pid"] for job in jobs}
+        assert len(pids) == 2
+        assert first.pid in pids
+        (other,) = pids - {first.pid}
+        wait_for(lambda: not _is_alive(other))
+        assert client.service("farm/Field").work() == first.pid
+
+
+def test_the_workers_that_were_started_end_with_the_first_one(server, client, tmp_path):
+    with working(server.url, "--slots", "1", "--up-to", "2") as first:
+        gate = tmp_path / "gate"
+        jobs = [_start(server, "work", {"until": str(gate)}) for _ in range(2)]
+        wait_for(lambda: all(_job(server, job)["state"] == "running" for job in jobs))
+        gate.touch()
+        pids = {_job(server, job, wait=LONG_S)["answer"]["pid"] for job in jobs}
+        first.kill()  # and cannot end the other one itself
+        wait_for(lambda: not any(map(_is_alive, pids - {first.pid})))
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
+    except OSError:
+        return False
+
+
 def test_a_job_shows_progress_and_is_cancelled_in_the_worker(server, client, tmp_path):
     with working(server.url):
         job = _start(server, "work", {"until": str(tmp_path / "never")})

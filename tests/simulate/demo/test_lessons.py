@@ -64,6 +64,7 @@ def test_a_grasp_of_its_own_where_a_success_counts_follows_the_lesson() -> None:
     lessons = lessons_of([teacher, pupil])
     assert lessons is not None
     assert (lessons.won, lessons.recalled, lessons.followed) == (4, 1, 1)
+    assert lessons.elsewhere == {"b": True, "c": True}
     assert lessons.sentence() == (
         "panda-2 recalled 1 of 4 lessons about what it tried and followed 1 more by a grasp of "
         "its own at the same place."

@@ -74,8 +74,8 @@ _TERMS: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
 }
 """Parameters that take a term: forms of one term, and a call with a place for it."""
 _OTHERS = {
-    "words, remarks and queries": """comment correct decline kind label message new_name note
-        query reason remark request text wanted words""",
+    "words, remarks, queries and commands": """comment correct decline kind label message new_name
+        note query reason remark request start_with text wanted words""",
     "names of robots, people and branches, which are no IRIs": """
         agent author branch hand robot role""",
     "names of services, datasets, versions and what belongs to them": """after arguments before

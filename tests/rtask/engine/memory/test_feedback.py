@@ -221,7 +221,7 @@ def test_an_unknown_task_or_grasp_is_met_with_the_nearest(trial, name):
 
 
 def test_nobody_speaks_for_another_person_and_robots_do_not_judge(trial):
-    with pytest.raises(ForbiddenError, match="cannot judge for 'bob'"):
+    with pytest.raises(ForbiddenError, match="cannot act for 'bob'"):
         trial.say("ann", "confirm", operator="bob")
     with pytest.raises(ForbiddenError, match="scope teach"):
         trial.robot.call("give_feedback", task_id=trial.task, verdict="confirm")

@@ -8,6 +8,8 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 
 import ontology
 import rtask
@@ -19,6 +21,7 @@ from rtask.errors import DataError, ForbiddenError, MissingBlobError, UsageError
 from rtask.interop.episodes.episode import blobs_of, episodes_of, statements_of
 from rtask.interop.episodes.reading import read_episodes
 from rtask.interop.episodes.recording import write_episodes
+from rtask.interop.episodes.situation import situations_of
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, Quad
@@ -96,6 +99,36 @@ def test_any_reader_of_recordings_sees_the_views_with_depth(told, kb, tmp_path):
         np.testing.assert_array_equal(view.rgb[deep], frames[0].rgb[deep])
         assert view.intrinsics.fx == frames[0].intrinsics.fx
         assert view.intrinsics.cx == frames[0].intrinsics.cx - frames[0].x0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["a.mcap", "a.bag"])
+def test_a_viewer_finds_frames_that_are_frames_the_robot_and_where_the_object_was(
+    told, kb, tmp_path, name
+):
+    found = episodes_of(kb, robot="nao-1")
+    situations = situations_of(kb, found)
+    write_episodes(kb, found, tmp_path / name, urdf="<robot name='nao'/>")
+    read: dict[str, list] = {}
+    with AnyReader([tmp_path / name], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
+        for link, _, raw in bag.messages():
+            read.setdefault(link.topic, []).append(bag.deserialize(raw, link.msgtype))
+    assert [said.data for said in read["/nao_1/robot_description"]] == ["<robot name='nao'/>"]
+    (picture,) = read["/nao_1/attempt/lift/compressed"]
+    assert picture.header.frame_id == "optical"
+    (shown,) = [situation for situation in situations.values() if situation.pose is not None]
+    (message,) = read["/tf"]
+    (transform,) = message.transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == (
+        "base_footprint", found[0].thing_name,
+    )  # fmt: skip
+    place = transform.transform.translation
+    assert [place.x, place.y, place.z] == pytest.approx(shown.pose[:3])
+    if name == "a.mcap":
+        data = (tmp_path / name).read_bytes()
+        assert b"\x04\x00\x00\x00zstd" in data, "chunks say how they are compressed"
+    with pytest.raises(UsageError, match="a description is that of one robot, and there are nao-1"):
+        write_episodes(kb, episodes_of(kb), tmp_path / f"b-{name}", urdf="<robot/>")
 
 
 @pytest.mark.slow

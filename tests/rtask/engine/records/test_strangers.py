@@ -9,15 +9,16 @@ import pytest
 from pydantic import BaseModel
 
 import ontology
+from endpoint.access.tokens import TokenStore
 from rtask.engine.decision_log import DecisionLog
 from rtask.engine.operations.outcome import ReportOutcome
 from rtask.engine.operations.table import OPERATIONS
-from rtask.errors import ConflictError, ForbiddenError
-from rtask.kb.commit.access import Access
+from rtask.errors import ConflictError, ForbiddenError, UsageError
+from rtask.kb.commit.access import Access, unnamed_person
 from rtask.rdf.namespaces import RT
 from rtask.services.offered import open_host
 from rtask.wire.fields import kind_of
-from tests.rtask.engine.conftest import Robot
+from tests.rtask.engine.conftest import Robot, registration
 
 NAMES_SOMEBODY = re.compile(
     r"(^|_)(robot|gripper|hand|task|attempt|frame|refusal|contributor|operator|agent|by)(s|_id|$)"
@@ -25,7 +26,7 @@ NAMES_SOMEBODY = re.compile(
 TRIED = {
     "gripper_id": "test_a_robot_cannot_name_the_hand_of_another",
     "task_id": "test_a_robot_cannot_report_on_the_task_of_another",
-    "operator": "test_a_robot_cannot_confirm_for_a_person_who_has_a_token",
+    "operator": "test_nobody_confirms_for_somebody_else_whether_or_not_they_ever_wrote",
     "refusal": "test_a_robot_cannot_answer_the_refusal_of_another",
     "robot": "test_a_robot_cannot_work_or_state_places_for_another",
     "frame": "test_a_robot_cannot_move_a_frame_of_another",
@@ -141,16 +142,103 @@ def test_a_frame_is_one_of_the_robot_itself_whatever_its_name(engine, bench, rob
     assert all(name.startswith(f"{own}/frame/") for name in made)
 
 
-def test_a_robot_cannot_confirm_for_a_person_who_has_a_token(engine, bench, robots):
+@pytest.mark.parametrize("role", ["robot", "teacher"])
+@pytest.mark.parametrize("named", ["anna", "nao-2", "operator"])
+def test_nobody_confirms_for_somebody_else_whether_or_not_they_ever_wrote(
+    engine, bench, robots, role, named
+):
+    robots("nao-1"), robots("nao-2")
+    caller = Access("nao-1", role)
+    seen = bench.sight(bench.BOX)
+    told = {**bench.held(), "confirmed_by": "human"}
+    at = {"X": 0.1, "Y": 0.0, "Z": 0.1, "rad": 0.0}
+    new = {**seen, **at, "gripper_id": hand(engine, "nao-1")}
+    flat = {"object": "urn:x", "gripper_id": new["gripper_id"], "grasp": "urn:g"}
+    calls = (
+        ("insert_object", {"objects": [{**new, "operator": named}]}),
+        ("insert_object", {"objects": [{**seen, "operator": named}]}),
+        ("insert_object", {"objects": [{**new, "outcome": {**told, "operator": named}}]}),
+        ("report_outcome", {**flat, "success": True, "operator": named}),
+        ("report_outcome", {**flat, "outcome": {**told, "operator": named}}),
+    )
+    before = engine.kb.seq
+    for operation, args in calls:
+        with pytest.raises(ForbiddenError, match="the token belongs to 'nao-1'") as caught:
+            engine.call(operation, args, caller)
+        if role == "robot":
+            assert caught.value.details["field"].endswith("operator")
+            assert repr(named) in str(caught.value)
+    assert engine.kb.seq == before
+
+
+def test_who_confirms_through_a_robot_unnamed_has_a_name_that_no_token_can_have(
+    engine, bench, robots
+):
     robot = robots("nao-1")
     seen = bench.sight(bench.BOX)
-    anna = Access("anna", "teacher")
-    engine.call("teach_object", {"operation": "teach", "class_description": "box", **seen}, anna)
-    given = {"grasp": robot.recognise(seen)["grasps"][0], "name": "tea box"}
-    confirmed = {**bench.held(), "confirmed_by": "human"}
-    with pytest.raises(ForbiddenError, match=r"objects\[0\]\.operator: .*'anna'"):
-        robot.insert(seen, outcome={**confirmed, "operator": "anna"}, **given)
-    robot.insert(seen, outcome={**confirmed, "operator": "ben"}, **given)
+    for named in ({}, {"operator": "nao-1"}):
+        outcome = {**bench.held(), "confirmed_by": "human", **named}
+        given = {"grasp": robot.recognise(seen)["grasps"][0], "name": "tea box"}
+        robot.insert(seen, outcome=outcome, **given)
+    names = {
+        row["name"]
+        for row in engine.kb.select(f"""PREFIX rt: <{ontology.PREFIXES["rt"]}>
+PREFIX prov: <http://www.w3.org/ns/prov#>
+SELECT ?name {{ ?said a rt:HumanFeedback ; prov:wasAttributedTo/rt:name ?name }}""").to_dicts()
+    }
+    assert names == {unnamed_person("nao-1")}
+    with pytest.raises(UsageError, match="not a valid name"):
+        TokenStore(None).create("teacher", agent=unnamed_person("nao-1"))
+
+
+@pytest.mark.parametrize(
+    ("operation", "args"),
+    [
+        ("give_feedback", {"verdict": "confirm", "task_id": "urn:t"}),
+        ("teach_object", {"operation": "confirm", "grasp": "urn:g"}),
+        ("curate_object", {"operation": "forget", "object": "urn:x"}),
+        ("withdraw_contributor", {"contributor": "nao-1"}),
+        ("answer_question", {"question": "urn:q", "choice": 1}),
+        ("cancel_plan", {"plan": "urn:p", "reason": "late"}),
+    ],
+)
+def test_a_person_cannot_act_for_another(engine, operation, args):
+    with pytest.raises(ForbiddenError, match="operator: the token belongs to 'ben': it cannot act"):
+        engine.call(operation, {**args, "operator": "anna"}, Access("ben", "teacher"))
+
+
+@pytest.mark.parametrize(
+    ("operation", "args"),
+    [
+        ("state_place", {"agent": "nao-1", "thing": "urn:x", "lost": True}),
+        ("report_sightings", {"agent": "nao-1", "frame": "table"}),
+        ("state_frame", {"agent": "nao-1", "frame": "table", "lost": True}),
+        ("store_plan", {"agent": "anna", "goal": "every pen into the left box"}),
+        ("claim_step", {"robot": "nao-1"}),
+        ("register_robot", registration("nao-1", "right_hand")),
+        ("register_robot", registration("ben", "right_hand")),
+    ],
+)
+def test_a_person_cannot_act_for_a_robot(engine, robots, operation, args):
+    robots("nao-1")
+    with pytest.raises(ForbiddenError, match="'ben'"):
+        engine.call(operation, args, Access("ben", "teacher"))
+
+
+def test_a_person_cannot_report_what_the_hand_of_a_robot_did_but_may_ask_what_it_can(
+    engine, bench, robots
+):
+    robots("nao-1")
+    seen = bench.sight(bench.BOX)
+    own = hand(engine, "nao-1")
+    ben = Access("ben", "teacher")
+    with pytest.raises(ForbiddenError, match=f"the token belongs to 'ben', and .*{own}"):
+        engine.call("insert_object", {"objects": [{**seen, "gripper_id": own}]}, ben)
+    report = {"object": "urn:x", "grasp": "urn:g", "success": False, "gripper_id": own}
+    with pytest.raises(ForbiddenError, match=f"the token belongs to 'ben', and .*{own}"):
+        engine.call("report_outcome", report, ben)
+    asked = {**seen, "gripper_id": own, "propose": True}
+    assert engine.call("recognise_for_grasp", asked, ben).as_json()["grasps"]
 
 
 def test_a_robot_cannot_answer_the_refusal_of_another(bench, robots):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from urllib.parse import unquote
+from urllib.parse import quote, unquote
 
 import pytest
 from pyoxigraph import Quad
@@ -11,7 +11,7 @@ from pyoxigraph import Quad
 import rtask
 from ontology import PREFIXES
 from rtask.errors import ForbiddenError, UsageError
-from rtask.kb.commit.access import Access, actor_of
+from rtask.kb.commit.access import Access, Role, actor_of, unnamed_person
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import iri
 
@@ -163,16 +163,17 @@ def test_a_statement_tells_whether_a_person_or_a_robot_acted(
     assert actor_of(elsewhere, kb.graphs) is None
 
 
-def test_a_robot_speaks_for_persons_without_a_graph_but_for_no_other_robot(
-    kb: KnowledgeBase,
+@pytest.mark.parametrize("role", ["robot", "teacher"])
+def test_nobody_states_what_somebody_else_did_whether_or_not_they_ever_wrote(
+    kb: KnowledgeBase, role: Role
 ) -> None:
-    """Persons who use the store themselves, and robots in any case, speak for themselves."""
-    robot = Access("nao-1", "robot")
+    caller = Access("kim", role)
     statement = f"INSERT DATA {{ <urn:x> <{PREFIXES['rt']}performedBy> <urn:lab/%s> }}"
-    assert kb.update(statement % "person/ann", access=robot).added == 1
-    for other in ("robot/new", "person/nao-2"):
-        with pytest.raises(ForbiddenError, match="the token belongs to 'nao-1'"):
-            kb.update(statement % other, access=robot)
+    for own in ("robot/kim", "person/kim", f"person/{quote(unnamed_person('kim'))}"):
+        assert kb.update(statement % own, access=caller).added == 1
+    for other in ("robot/new", "person/ann", "person/operator"):
+        with pytest.raises(ForbiddenError, match="the token belongs to 'kim'"):
+            kb.update(statement % other, access=caller)
 
 
 def test_hostile_names_stay_inside_their_graph(kb: KnowledgeBase) -> None:

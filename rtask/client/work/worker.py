@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from rtask.client.calling.messages import addresses
-from rtask.client.worker_data import ServerDatasets
+from rtask.client.work.data import ServerDatasets
 from rtask.errors import AuthenticationError, ForbiddenError, RtaskError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.services.call import Invocation
@@ -84,6 +84,11 @@ class Worker:
         self._tasks: dict[str, Task] = {}
         self._stopping = threading.Event()
         self._socket: Any = None
+
+    @property
+    def slots(self) -> dict[str, int]:
+        """Calls at a time of each service, by its exact name."""
+        return dict(self._slots)
 
     def run(self) -> None:
         """Connect and carry out calls until :meth:`stop`.
