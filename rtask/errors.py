@@ -162,8 +162,20 @@ class RtaskError(Exception):
         (True, False)
         """
         given = self.details.get("transient")
-        status = self.details.get("http_status", self.status)
-        return status in TRANSIENT_STATUSES if given is None else bool(given)
+        return self.answer_status in TRANSIENT_STATUSES if given is None else bool(given)
+
+    @property
+    def answer_status(self) -> int:
+        """HTTP status of the error, or of the answer in which a server reported it.
+
+        So code that works on a graph in the same process and on a server meets one kind of error.
+
+        Examples
+        --------
+        >>> ConflictError("no").answer_status, CallFailedError("no", http_status=409).answer_status
+        (409, 409)
+        """
+        return int(self.details.get("http_status", self.status))
 
     def __init__(self, message: str, **details: Any) -> None:
         super().__init__(message)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from rtask.errors import ConflictError, UnknownTermError, UsageError
+from rtask.errors import ConflictError, RtaskError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.executor import Executor, Graph, Turn
 from simulate.tasks.questions import MAX_REPAIRS
@@ -150,11 +150,12 @@ class Crew:
                 priority=plan["priority"], deadline=plan["deadline"], agent=self.agent,
                 asking_price=plan["asking_price"], failing_price=plan["failing_price"],
             )  # fmt: skip
-        except ConflictError:
-            return True  # the graph has changed meanwhile: the next round plans again
-        except (UsageError, UnknownTermError) as error:
-            # Whatever else goes wrong, such as a server out of reach, says nothing about the goal.
-            return self._give_up(plan, str(error))
+        except RtaskError as error:
+            if error.answer_status == ConflictError.status:
+                return True  # the graph has changed meanwhile: the next round plans again
+            if error.answer_status in (UsageError.status, UnknownTermError.status):
+                return self._give_up(plan, str(error))
+            raise  # such as a server out of reach, which says nothing about the goal
         return True
 
     def _give_up(self, plan: Mapping[str, Any], why: str) -> bool:

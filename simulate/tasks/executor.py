@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from rtask.errors import ConflictError
+from rtask.errors import ConflictError, RtaskError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.tasks.queue.asking import PATIENCE_S
 from simulate.tasks.actions import TaskAction, available_actions
@@ -148,7 +148,9 @@ class Executor:
                 "ask_person", task=claim["task"], patience=self._patience_s, picture=picture,
                 **fields, **self._who(),
             )  # fmt: skip
-        except ConflictError as error:
+        except RtaskError as error:
+            if error.answer_status != ConflictError.status:
+                raise
             return Turn("lost", claim["task"], claim["text"], str(error))
         if not asked["asked"]:
             return None
@@ -182,7 +184,9 @@ class Executor:
             more["outcome"] = _report_id(claim["task"])
         try:
             self.graph.call("end_step", task=claim["task"], result=result, **more, **self._who())
-        except ConflictError as error:
+        except RtaskError as error:
+            if error.answer_status != ConflictError.status:
+                raise
             return Turn("lost", claim["task"], claim["text"], str(error))
         return Turn(result, claim["task"], claim["text"], comment)
 

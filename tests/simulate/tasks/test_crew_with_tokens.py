@@ -1,0 +1,141 @@
+"""Robots with tokens of their own, each a process: claims, handovers, and one that is killed."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import signal
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+import rtask
+from endpoint.access.tokens import TokenStore
+from rtask.errors import RtaskError
+from rtask.rdf.namespaces import PREFIXES
+from simulate.tasks.executor import Executor
+from simulate.tasks.lab import read_lab
+from tests.rtask.tasks.conftest import BASE, CUP, LAB, LEFT, NAO, PANDA, PEN, RIGHT
+from tests.servers import RunningServer, running_server
+from tests.simulate.tasks.crew_robot import CrewRobot, run_robot
+
+pytestmark = pytest.mark.slow
+
+GOAL = "every cup into the left box; every pen into the right box"
+_FORK = multiprocessing.get_context("fork")
+_PATIENCE_S = 240.0
+"""Until a process must have ended, on a loaded machine; no test needs nearly as long."""
+
+
+class Site:
+    """A server whose callers all need tokens, and the lab that it describes."""
+
+    def __init__(self, server: RunningServer, data: Path, folder: Path) -> None:
+        with closing(TokenStore(data)) as tokens:
+            self.admin = tokens.create("admin")[0]
+            self.tokens = {
+                robot: tokens.create("robot", agent=robot.rpartition("/")[2])[0]
+                for robot in (NAO, PANDA)
+            }
+        self.url, self.folder = server.url, folder
+        self.person = rtask.connect(server.url, token=self.admin)
+        lab = read_lab(self.person.query, None)
+        self.reach, self.hands = lab.reach, lab.hands
+        (folder / "lab.json").write_text(json.dumps({"where": lab.where, "done": []}))
+
+    def start(self, robot: str, dies_after: str = "") -> multiprocessing.Process:
+        body = CrewRobot(self.folder, robot, self.reach, self.hands, dies_after)
+        process = _FORK.Process(target=run_robot, args=(self.url, self.tokens[robot], body))
+        process.start()
+        return process
+
+    @property
+    def truth(self) -> dict:
+        return json.loads((self.folder / "lab.json").read_text())
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Site]:
+    data, folder = tmp_path / "store", tmp_path / "lab"
+    folder.mkdir()
+    with rtask.open(data, base=BASE) as kb:
+        kb.update(LAB)
+    with running_server(data) as server:
+        made = Site(server, data, folder)
+        with made.person:
+            yield made
+
+
+def ended(process: multiprocessing.Process) -> int | None:
+    process.join(_PATIENCE_S)
+    return process.exitcode
+
+
+@pytest.mark.parametrize("dies_after", ["put", pytest.param("pick", marks=pytest.mark.deep)])
+def test_a_crew_of_which_one_is_killed_does_all_and_nothing_twice(
+    site: Site, dies_after: str
+) -> None:
+    task = site.person.call("store_plan", goal=GOAL)["task"]
+    nao, killed = site.start(NAO), site.start(PANDA, dies_after)
+    assert ended(killed) == -signal.SIGKILL
+    assert nao.is_alive()
+    before = site.truth["done"]
+    assert before[-1][:2] == [PANDA, dies_after]
+    again = site.start(PANDA)
+    assert (ended(again), ended(nao)) == (0, 0)
+
+    truth = site.truth
+    assert (truth["where"][CUP], truth["where"][PEN]) == (LEFT, RIGHT)
+    deeds = Counter((action, item) for _, action, item in truth["done"])
+    assert deeds["pick", CUP] == deeds["put", CUP] == 2, "handed over: once by each robot"
+    assert {robot for robot, _, item in truth["done"] if item == CUP} == {NAO, PANDA}
+    assert deeds["pick", PEN] == deeds["put", PEN] == 1
+    (plan,) = [p for p in site.person.call("list_plans", state="all")["plans"] if p["task"] == task]
+    assert plan["state"] == "done"
+    assert {step["state"] for step in plan["steps"]} == {"done"}
+    rows = site.person.query(f"""{PREFIXES}SELECT ?graph (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{
+  GRAPH ?graph {{ ?attempt a rt:GraspAttempt }} }} GROUP BY ?graph""")
+    stored = {str(row["graph"]).rpartition("/")[2]: int(row["n"]) for row in rows}
+    picks = Counter(
+        robot.rpartition("/")[2] for robot, action, _ in truth["done"] if action == "pick"
+    )
+    unseen = {"panda-1": int(dies_after == "pick")}  # its program ended before it could report
+    assert stored == {name: n - unseen.get(name, 0) for name, n in picks.items() if n}
+
+
+def test_a_robots_token_claims_and_ends_steps_of_that_robot_alone(site: Site) -> None:
+    site.person.call("store_plan", goal="every pen into the right box")
+    nao = rtask.connect(site.url, token=site.tokens[NAO])
+    panda = rtask.connect(site.url, token=site.tokens[PANDA])
+    with nao, panda:
+        assert not nao.call("claim_step")["claimed"]
+        step = panda.call("claim_step")
+        assert step["claimed"]
+        for call in (
+            {"operation": "claim_step"},
+            {"operation": "end_step", "task": step["task"], "result": "done"},
+        ):
+            with pytest.raises(RtaskError, match="cannot act for 'panda-1'") as refused:
+                nao.call(call.pop("operation"), robot="panda-1", **call)
+            assert refused.value.answer_status == 403
+
+
+def test_a_robot_goes_on_when_its_step_was_ended_behind_its_back(site: Site) -> None:
+    site.person.call("store_plan", goal="every pen into the right box")
+    with (
+        rtask.connect(site.url, token=site.tokens[PANDA]) as panda,
+        rtask.connect(site.url, token=site.tokens[PANDA]) as twin,
+    ):
+        body = CrewRobot(site.folder, PANDA, site.reach, site.hands)
+
+        def end_it(text: str) -> bool:
+            (plan,) = twin.call("list_plans", state="open")["plans"]
+            (step,) = (step for step in plan["steps"] if step["state"] == "claimed")
+            twin.call("end_step", task=step["task"], result="failed", comment="by the other one")
+            return True
+
+        assert Executor(panda, body, may=end_it).turn().result == "lost"
+        assert Executor(panda, body).turn().result == "idle"
