@@ -142,9 +142,11 @@ def test_what_a_killed_load_would_have_been_refused_for_is_set_aside_at_the_next
         a = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
         robots = [Quad(NamedNode(mine + name), a, NamedNode(CORA + "Robot"), home) for name in "qr"]
         key = Quad(NamedNode(mine + "q"), has, Literal("S1"), home)
-        with monkeypatch.context() as patched, pytest.raises(KilledError):
+        request = Request(kb.access("nao-1"))
+        with monkeypatch.context() as patched:
             patched.setattr("rtask.kb.commit.bulk._require_identity", kill)
-            kb.bulk_add([*robots, key], home, Request(kb.access("nao-1")))
+            with pytest.raises(KilledError):
+                kb.bulk_add([*robots, key], home, request)
     assert (tmp_path / "kb" / "loading.json").exists()
     with rtask.open(tmp_path / "kb") as kb:
         assert not kb.query(f"{PREFIXES}ASK {{ ?x owl:sameAs ?y FILTER(?x != ?y) }}")
