@@ -14,14 +14,15 @@ import numpy as np
 
 from rtask.errors import UsageError
 from simulate.act.service import ActService
-from simulate.motion.joint_messages import (
+from simulate.motion.goal_course import (
     GOAL_TOLERANCE,
     INVALID_GOAL,
     INVALID_JOINTS,
-    InvalidJointsError,
-    off_goal,
-    read_trajectory,
+    OLD_STAMP,
+    GoalCourse,
+    OldStampError,
 )
+from simulate.motion.joint_messages import InvalidJointsError
 from simulate.robots.description import Floats
 
 __all__ = ["ABORTED", "ACTION_TYPE", "ArmGoals"]
@@ -30,7 +31,6 @@ ACTION_TYPE = "control_msgs/action/FollowJointTrajectory"
 SUCCEEDED, CANCELLED, ABORTED = 4, 5, 6
 """Status of a goal in action_msgs/GoalStatus."""
 _STEP_S = 0.01
-_SETTLE_S = 0.3
 _FEEDBACK_S = 0.1
 
 
@@ -94,6 +94,8 @@ class ArmGoals:
             code, words = self._follow(self.actions[action], goal, tell, is_cancelled)
         except InvalidJointsError as error:
             code, words = INVALID_JOINTS, str(error)
+        except OldStampError as error:
+            code, words = OLD_STAMP, str(error)
         except UsageError as error:
             code, words = INVALID_GOAL, str(error)
         status = CANCELLED if words == "cancelled" else ABORTED if code else SUCCEEDED
@@ -108,27 +110,30 @@ class ArmGoals:
     ) -> tuple[int, str]:
         if self._service.has_the_arm:
             raise UsageError("the act service has the arm; call it with action_type home first")
-        trajectory = goal.get("trajectory")
-        if not isinstance(trajectory, Mapping):
-            raise UsageError("trajectory: expected a trajectory_msgs/JointTrajectory")
         joints, robot = self._robot.arm(arm).joints, self._robot
-        way = read_trajectory(trajectory, joints, robot.arm_joints(arm))
-        elapsed = due = 0.0
-        while elapsed < way.duration + _SETTLE_S:
-            position, velocity = way.at(elapsed)
+        course = GoalCourse(goal, joints, robot.arm_joints(arm), time.time())
+        elapsed = passed = due = 0.0
+        while True:
+            position, velocity = course.desired(elapsed)
             robot.command_arm(arm, position, velocity)
             robot.world.step(_STEP_S)
-            elapsed += _STEP_S
-            if elapsed >= due:
+            passed += _STEP_S
+            if not course.is_early(time.time()):
+                elapsed += _STEP_S
+            measured = robot.arm_joints(arm)
+            if not np.isfinite(measured).all():
+                return GOAL_TOLERANCE, "the simulation broke down: joints are not numbers"
+            ending = course.ending(elapsed, measured)
+            if ending is not None:
+                if ending[0]:
+                    robot.command_arm(arm, measured)
+                return ending
+            if passed >= due:
                 due += _FEEDBACK_S
-                if not np.isfinite(robot.arm_joints(arm)).all():
-                    return GOAL_TOLERANCE, "the simulation broke down: joints are not numbers"
-                tell(_feedback(joints, position, robot.arm_joints(arm)))
+                tell(_feedback(joints, position, measured))
                 if is_cancelled():
-                    robot.command_arm(arm, robot.arm_joints(arm))
+                    robot.command_arm(arm, measured)
                     return 0, "cancelled"
-        words = off_goal(goal, joints, way.positions[-1], robot.arm_joints(arm))
-        return (GOAL_TOLERANCE, words) if words else (0, "")
 
 
 def _feedback(joints: tuple[str, ...], desired: Floats, now: Floats) -> dict[str, Any]:

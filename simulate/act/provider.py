@@ -32,7 +32,7 @@ from simulate.act.arm_goals import ABORTED, ACTION_TYPE, SUCCEEDED, ArmGoals
 from simulate.act.service import ActService
 from simulate.act.trials import Trial, place_test, reach_test, reasons
 from simulate.act.workspace import map_workspace
-from simulate.motion.joint_messages import INVALID_GOAL
+from simulate.motion.goal_course import INVALID_GOAL
 
 __all__ = ["ActProvider", "methods_of"]
 

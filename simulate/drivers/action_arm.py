@@ -26,6 +26,7 @@ from simulate.drivers.contract import (
 )
 from simulate.drivers.rosbridge_goals import GoalEnd
 from simulate.drivers.watch import MotionWatch
+from simulate.motion.goal_course import named
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 
@@ -134,7 +135,7 @@ class ActionArm(ABC):
         try:
             end = self._carried_out(way, watch)
             if end.code:
-                raise RobotError(f"{self._name} ended with {end.code}: {end.words}")
+                raise RobotError(f"{self._name} ended with {named(end.code)}: {end.words}")
             check_ending(self._ros, end.status, self._name, end.words)
             measured = self.measured()
             check_arrival(way, self._joints, measured, start)

@@ -28,6 +28,7 @@ from simulate.drivers.contract import (
 )
 from simulate.drivers.rosbridge_goals import GoalEnd, goals_of
 from simulate.drivers.watch import MotionWatch
+from simulate.motion.goal_course import named
 from simulate.motion.joint_messages import goal_message
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
@@ -200,7 +201,7 @@ class RosbridgeArm:
             watch = MotionWatch(way, self._joints)
             end = self._carried_out(goal, way, watch)
             if end.code:
-                raise RobotError(f"{self._action} ended with {end.code}: {end.words}")
+                raise RobotError(f"{self._action} ended with {named(end.code)}: {end.words}")
             check_ending(self._ros, end.status, self._action, end.words)
             measured = self.measured()
             check_arrival(way, self._joints, measured, start)

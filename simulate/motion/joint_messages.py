@@ -15,21 +15,15 @@ from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 
 __all__ = [
-    "GOAL_TOLERANCE",
-    "INVALID_GOAL",
-    "INVALID_JOINTS",
     "InvalidJointsError",
     "check_start",
     "goal_message",
-    "off_goal",
     "read_trajectory",
+    "seconds_of",
 ]
 
-INVALID_GOAL, INVALID_JOINTS, GOAL_TOLERANCE = -1, -2, -5
-"""Codes of control_msgs/FollowJointTrajectoryResult."""
 _FIRST_POINT_RAD = 0.3
 _START_RAD = 0.05
-_TOLERANCE_RAD = 0.05
 _NS = 1_000_000_000
 
 
@@ -63,7 +57,7 @@ def read_trajectory(message: Mapping[str, Any], joints: Sequence[str], now: Floa
             f"joints {', '.join(names) or 'none'}: expected {', '.join(joints)}"
         )
     points = message.get("points") or ()
-    times = np.array([_seconds(point.get("time_from_start")) for point in points])
+    times = np.array([seconds_of(point.get("time_from_start")) for point in points])
     if not len(times) or not times[0] >= 0 or not (np.diff(times) > 0).all():
         raise UsageError("time_from_start: expected at least one point, and rising times")
     positions = _positions(points, len(names))[:, [names.index(name) for name in joints]]
@@ -91,8 +85,8 @@ def _positions(points: Sequence[Mapping[str, Any]], dof: int) -> Floats:
     return rows_read
 
 
-def _seconds(duration: Any) -> float:
-    """Return a duration of ROS 1 or 2 in s; NaN, which no time rises from, if it is none."""
+def seconds_of(duration: Any) -> float:
+    """Return a time or duration of ROS in s; NaN, which no time rises from, if it is none."""
     if not isinstance(duration, Mapping):
         return float("nan")
     seconds = duration.get("secs", duration.get("sec", 0))
@@ -127,31 +121,6 @@ def goal_message(way: Trajectory, joints: Sequence[str]) -> dict[str, Any]:
 def _duration(seconds: float) -> dict[str, int]:
     whole, rest = divmod(round(seconds * _NS), _NS)
     return {"secs": whole, "nsecs": rest, "sec": whole, "nanosec": rest}
-
-
-def off_goal(
-    goal: Mapping[str, Any], joints: Sequence[str], target: Floats, measured: Floats
-) -> str:
-    """Return which joint ended too far from its goal; empty if none did.
-
-    Parameters
-    ----------
-    goal
-        Its ``goal_tolerance`` says how far each joint may be off; 0.05 rad where it does not.
-    joints
-        Of the arm.
-    target, measured : (dof,) float, rad
-    """
-    allowed = {}
-    for tolerance in goal.get("goal_tolerance") or ():
-        if isinstance(tolerance, Mapping) and isinstance(tolerance.get("position"), int | float):
-            allowed[tolerance.get("name")] = (
-                tolerance["position"] if tolerance["position"] > 0 else _TOLERANCE_RAD
-            )
-    for name, off in zip(joints, np.abs(measured - target), strict=True):
-        if not off <= allowed.get(name, _TOLERANCE_RAD):
-            return f"{name} ended {off:.3f} rad from its goal"
-    return ""
 
 
 def check_start(way: Trajectory, joints: Sequence[str], measured: Floats) -> None:

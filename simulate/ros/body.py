@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 
 from rtask.errors import RemoteUnavailableError, RtaskError
-from rtask.interop.ros.convert import JsonObject
+from rtask.interop.ros.convert import JsonObject, time_of
 from simulate.act.service import ActService
 from simulate.ros.front import Front
 from simulate.ros.sensors import Rates, Sensors
@@ -55,11 +55,21 @@ class RosBody:
         self._started, self._began = time.monotonic(), self._world.time
         self.arms = [
             ArmAction(
-                front, service.cell.robot, arm, self._work.put, lambda: not service.has_the_arm
+                front,
+                service.cell.robot,
+                arm,
+                self._work.put,
+                lambda: not service.has_the_arm,
+                self._now,
             )
             for arm in service.cell.robot.arms
         ]
         front.offer_act("act", self._act)
+
+    def _now(self) -> float:
+        """Return the time with which the robot stamps, s."""
+        secs, nsecs = time_of(self._sensors.now())
+        return secs + nsecs / 1e9
 
     def run(self, is_ended: Callable[[], bool]) -> None:
         """Run the physics until the end, and what was posted in its order."""

@@ -98,6 +98,8 @@ class RclpyFront:
             )
             result = self._action.Result()
             result.error_code, result.error_string = ending.code, ending.words
+            if is_replaced(handle) and not ending.code:
+                result.error_string = "a newer goal came"
             if handle.is_cancel_requested:
                 handle.canceled()
             elif ending.code or is_replaced(handle):

@@ -6,7 +6,7 @@ The action thread only posts a goal; the physics, in its own thread, follows it.
 from __future__ import annotations
 
 import queue
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,22 +15,20 @@ from numpy.typing import NDArray
 
 from rtask.errors import UsageError
 from rtask.interop.ros.convert import mapping_of
-from simulate.motion.joint_messages import (
-    GOAL_TOLERANCE,
+from simulate.motion.goal_course import (
     INVALID_GOAL,
     INVALID_JOINTS,
-    InvalidJointsError,
-    off_goal,
-    read_trajectory,
+    OLD_STAMP,
+    GoalCourse,
+    OldStampError,
 )
-from simulate.motion.trajectory import Trajectory
+from simulate.motion.joint_messages import InvalidJointsError
 from simulate.ros.front import Ending, Front, TrajectoryGoal
 from simulate.world.robot_body import RobotBody
 
 __all__ = ["ArmAction"]
 
 _STEP_S = 0.01
-_SETTLE_S = 0.3
 _FEEDBACK_S = 0.1
 
 
@@ -59,6 +57,8 @@ class ArmAction:
         Hands work to the thread of the physics.
     is_free
         Tells whether the arm may be moved now.
+    now
+        Clock that stamps trajectories, s.
     """
 
     def __init__(
@@ -68,8 +68,9 @@ class ArmAction:
         arm: str,
         post: Callable[[Callable[[], None]], None],
         is_free: Callable[[], bool],
+        now: Callable[[], float],
     ) -> None:
-        self._front = front
+        self._front, self._now = front, now
         self._robot, self._arm, self._post, self._is_free = robot, arm, post, is_free
         self._joints = robot.arm(arm).joints
         self.name = f"{arm}_controller/follow_joint_trajectory"
@@ -90,6 +91,8 @@ class ArmAction:
             code, words = self._follow(goal)
         except InvalidJointsError as error:
             code, words = INVALID_JOINTS, str(error)
+        except OldStampError as error:
+            code, words = OLD_STAMP, str(error)
         except UsageError as error:
             code, words = INVALID_GOAL, str(error)
         finally:
@@ -99,28 +102,27 @@ class ArmAction:
         if not self._is_free():
             raise UsageError("the act service has the arm; call it with action_type home first")
         asked = mapping_of(goal.asked.message)
-        now = self._robot.arm_joints(self._arm)
-        way = read_trajectory(asked["trajectory"], self._joints, now)
-        for state in self._states(way, goal):
-            goal.outcome.put(state)
-        now = self._robot.arm_joints(self._arm)
-        if goal.asked.is_cancelled():
-            self._robot.command_arm(self._arm, now)
-            return 0, "cancelled"
-        words = off_goal(asked, self._joints, way.positions[-1], now)
-        return (GOAL_TOLERANCE, words) if words else (0, "")
-
-    def _states(self, way: Trajectory, goal: Goal) -> Iterator[Any]:
-        """Move along a trajectory until its end or a cancel, and yield the feedback that is due."""
-        time, due = 0.0, 0.0
-        while time < way.duration + _SETTLE_S and not goal.asked.is_cancelled():
-            position, velocity = way.at(time)
+        measured = self._robot.arm_joints(self._arm)
+        course = GoalCourse(asked, self._joints, measured, self._now())
+        elapsed = passed = due = 0.0
+        while not goal.asked.is_cancelled():
+            position, velocity = course.desired(elapsed)
             self._robot.command_arm(self._arm, position, velocity)
             self._robot.world.step(_STEP_S)
-            time += _STEP_S
-            if time >= due:
+            passed += _STEP_S
+            if not course.is_early(self._now()):
+                elapsed += _STEP_S
+            measured = self._robot.arm_joints(self._arm)
+            ending = course.ending(elapsed, measured)
+            if ending is not None:
+                if ending[0]:  # it stays where it is instead of going on to a goal it cannot reach
+                    self._robot.command_arm(self._arm, measured)
+                return ending
+            if passed >= due:
                 due += _FEEDBACK_S
-                yield self._feedback(position)
+                goal.outcome.put(self._feedback(position))
+        self._robot.command_arm(self._arm, measured)
+        return 0, "cancelled"
 
     def _feedback(self, desired: NDArray[np.float64]) -> Any:
         feedback = self._front.feedback()

@@ -114,7 +114,12 @@ def test_the_arm_follows_and_says_before_it_moves_what_a_lost_link_means(robot):
         ("succeed", 0, "elbow ended 0.30 rad from its goal"),
         ("abort", 0, r"aborted \(status 6 of ROS 2\)"),
         ("canceled", 0, r"canceled \(status 5 of ROS 2\)"),
-        ("succeed", -4, "ended with -4: told by the driver"),
+        ("abort", -1, r"ended with -1 \(INVALID_GOAL\): told by the driver"),
+        ("abort", -2, r"ended with -2 \(INVALID_JOINTS\)"),
+        ("abort", -3, r"ended with -3 \(OLD_HEADER_TIMESTAMP\)"),
+        ("succeed", -4, r"ended with -4 \(PATH_TOLERANCE_VIOLATED\): told by the driver"),
+        ("abort", -5, r"ended with -5 \(GOAL_TOLERANCE_VIOLATED\)"),
+        ("abort", -99, "ended with -99: told"),
     ],
 )
 def test_every_end_but_an_arrival_that_was_measured_fails_and_cancels(robot, status, code, words):

@@ -66,11 +66,15 @@ def test_the_arm_tells_its_joints_and_follows(arm):
 
 
 def test_what_the_driver_says_of_a_failure_is_told(arm, address):
-    with pytest.raises(RobotError, match="ended with -5: panda_joint7 ended"):
+    with pytest.raises(
+        RobotError, match=r"ended with -5 \(GOAL_TOLERANCE_VIOLATED\): panda_joint7 ended"
+    ):
         arm.follow(way(4.0))
     with RosbridgeArm(address, ACTION, ARM.joints[:2], "/cell/joint_states") as two:
         short = time_path(np.array([two.measured(), two.measured() + 0.1]), np.full(2, 0.5))
-        with pytest.raises(RobotError, match="ended with -2: joints panda_joint1, panda_joint2"):
+        with pytest.raises(
+            RobotError, match=r"ended with -2 \(INVALID_JOINTS\): joints panda_joint1"
+        ):
             two.follow(short)
 
 

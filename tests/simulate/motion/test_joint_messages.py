@@ -10,7 +10,6 @@ from simulate.motion.joint_messages import (
     InvalidJointsError,
     check_start,
     goal_message,
-    off_goal,
     read_trajectory,
 )
 from simulate.motion.trajectory import time_path
@@ -62,14 +61,6 @@ def test_what_no_arm_can_follow_is_refused_in_words(asked, words):
 def test_other_joints_are_named():
     with pytest.raises(InvalidJointsError, match="joints wrist: expected shoulder, elbow"):
         read_trajectory(message(([0.0], {"sec": 1}), names=["wrist"]), JOINTS, NOW)
-
-
-def test_a_goal_may_allow_more_than_usual_and_nothing_allows_nan():
-    wanted, measured = np.array([0.0, 0.0]), np.array([0.0, 0.1])
-    assert off_goal({}, JOINTS, wanted, measured) == "elbow ended 0.100 rad from its goal"
-    allowed = {"goal_tolerance": [{"name": "elbow", "position": 0.2}]}
-    assert off_goal(allowed, JOINTS, wanted, measured) == ""
-    assert off_goal(allowed, JOINTS, wanted, np.array([np.nan, 0.0])).startswith("shoulder")
 
 
 def test_an_arm_that_stands_elsewhere_is_not_moved():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import queue
 import sys
 import threading
 import time
@@ -86,7 +85,9 @@ def test_the_arm_follows_goals_of_ros_2_and_a_goal_missed_is_told_with_its_code(
     np.testing.assert_allclose(arm.measured(), way(0.2).positions[-1], atol=0.02)
     back = way(0.2)
     arm.follow(time_path(back.positions[::-1], np.full(7, 0.8)))
-    with pytest.raises(RobotError, match="ended with -5: panda_joint7 ended"):
+    with pytest.raises(
+        RobotError, match=r"ended with -5 \(GOAL_TOLERANCE_VIOLATED\): panda_joint7 ended"
+    ):
         arm.follow(way(4.0))
 
 
@@ -95,6 +96,7 @@ def test_a_newer_goal_ends_its_predecessor_and_a_cancelled_one_stops(world):
     first, second = (world.actions[ACTION].send(**goal) for _ in range(2))
     assert first.ended.wait(WAIT_S)
     assert (first.status, first.result.error_code) == ("aborted", 0)
+    assert first.result.error_string == "a newer goal came"
     second.is_cancel_requested = True
     assert second.ended.wait(WAIT_S)
     assert second.status == "canceled"
@@ -109,6 +111,71 @@ def _slow(world: World) -> Any:
     return made
 
 
+def ended(world: World, **changes: Any) -> tuple[str, int, str]:
+    """Return how a goal of one point ended: the last joint is off home after 0.2 s."""
+    trajectory = _slow(world)
+    [point] = trajectory.points
+    point.positions = [*ARM.home[:-1], ARM.home[-1] + changes.pop("off", 0.1)]
+    point.time_from_start.secs, point.time_from_start.nsecs = 0, 200_000_000
+    names = changes.pop("joint_names", None)
+    trajectory.joint_names = list(ARM.joints) if names is None else names
+    seconds = changes.pop("start_s", None)
+    if seconds is not None:
+        nanoseconds = time.time_ns() + round(seconds * 1e9)
+        stamp = trajectory.header.stamp
+        stamp.secs, stamp.nsecs = divmod(nanoseconds, 10**9)
+    handle = world.actions[ACTION].send(trajectory=trajectory, **changes)
+    assert handle is not None
+    assert handle.ended.wait(WAIT_S)
+    return handle.status, handle.result.error_code, handle.result.error_string
+
+
+def tolerance(world: World, position: float, name: str = ARM.joints[-1]) -> list[Any]:
+    made = world.types.make("control_msgs/JointTolerance")
+    made.name, made.position = name, position
+    return [made]
+
+
+def go_there_first(world: World) -> None:
+    """Bring the arm to the goal of :func:`ended`, from wherever other tests left it."""
+    patience = world.types.make("control_msgs/FollowJointTrajectory_Goal").goal_time_tolerance
+    patience.secs = 10
+    assert ended(world, goal_time_tolerance=patience) == ("succeeded", 0, "")
+
+
+def test_every_code_of_the_action_is_answered(world):
+    go_there_first(world)
+    assert ended(world, joint_names=["wrist"])[:2] == ("aborted", -2)
+    assert ended(world, joint_names=list(ARM.joints[:-1]))[:2] == ("aborted", -2)
+    assert ended(world, joint_names=[*ARM.joints, "finger"])[:2] == ("aborted", -2)
+    unknown = ended(world, goal_tolerance=tolerance(world, 0.1, "wrist"))
+    assert unknown[:2] == ("aborted", -1)
+    assert "'wrist' is no joint of the arm" in unknown[2]
+    assert ended(world, path_tolerance=tolerance(world, float("nan")))[:2] == ("aborted", -1)
+    old = ended(world, start_s=-5.0)
+    assert old[:2] == ("aborted", -3)
+    assert "5." in old[2]
+    far = ended(world, off=0.5, path_tolerance=tolerance(world, 1e-6))
+    assert far[:2] == ("aborted", -4)
+    assert "from its path" in far[2]
+    missed = ended(world, goal_tolerance=tolerance(world, 1e-9))
+    assert missed[:2] == ("aborted", -5)
+    assert ended(world, goal_tolerance=tolerance(world, -1.0)) == ("succeeded", 0, "")
+
+
+def test_a_goal_that_starts_later_waits_for_its_time_and_can_be_given_up(world):
+    go_there_first(world)
+    start_s = time.time() + 0.5  # by the clock that stamps, not by that of the physics
+    assert ended(world, start_s=0.5)[:2] == ("succeeded", 0)
+    assert time.time() > start_s
+    trajectory = _slow(world)
+    trajectory.header.stamp.secs = int(time.time()) + 1000
+    handle = world.actions[ACTION].send(trajectory=trajectory)
+    handle.is_cancel_requested = True
+    assert handle.ended.wait(WAIT_S)
+    assert handle.status == "canceled"
+
+
 def test_joints_transforms_and_views_have_one_stamp_and_the_frames_of_the_robot(world):
     cloud = world.publishers["camera/depth_registered/points"]
     cloud.listeners = 1
@@ -117,16 +184,15 @@ def test_joints_transforms_and_views_have_one_stamp_and_the_frames_of_the_robot(
     assert message.header.frame_id == next(iter(describe("panda").cameras.values())).frame_id
     assert len(message.data) == message.row_step * message.height
     stamp = (message.header.stamp.secs, message.header.stamp.nsecs)
-    stamps = []
+    stamps: dict[str, list[tuple[int, int]]] = {}
     transforms = world.publishers["/tf"].messages
-    while True:
-        try:
-            header = transforms.get_nowait().transforms[0].header
-        except queue.Empty:
-            break
-        stamps.append((header.stamp.secs, header.stamp.nsecs))
-    assert stamp in stamps, "where the camera is at the time of the view"
-    assert len(set(stamps)) == len(stamps), "each stamp once"
+    while not transforms.empty():
+        for each in transforms.get_nowait().transforms:
+            at = (each.header.stamp.secs, each.header.stamp.nsecs)
+            stamps.setdefault(each.child_frame_id, []).append(at)
+    for frame, times in stamps.items():
+        assert stamp in times, f"where {frame} is at the time of the view"
+        assert times == sorted(set(times)), f"each stamp of {frame} once, in order"
     assert world.publishers["/tf_static"].messages.qsize() == 1
 
 
