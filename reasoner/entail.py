@@ -142,6 +142,7 @@ def entails(
     """
     if semantics not in ("rl", "direct"):
         raise ValueError(f"semantics is 'rl' or 'direct', not {semantics!r}")
+    # From a contradiction everything follows, and a test by contradiction would prove anything.
     if closure.contradictions():
         return Entailment(True, is_inconsistent=True)
     work = Budget(sys.maxsize if budget is None else budget)
@@ -227,6 +228,7 @@ def _match_all(
     def bound_term(term: Term) -> Term | None:
         return bound.get(term) if isinstance(term, BlankNode) else term
 
+    # The pattern with most terms known has the fewest rows, and binds what the others share.
     best = max(patterns, key=lambda t: sum(bound_term(x) is not None for x in t))
     rest = [t for t in patterns if t is not best]
     rows = closure.match(*(bound_term(x) for x in best))
@@ -261,6 +263,7 @@ def _refute(closure: Closure, statement: Triple, parts: _Conclusion, work: Budge
     for negation in negations:
         work.spend(STAGING)
         staged = closure.stage(add=[*parts.definitions, *negation])
+        # One model in which the statement fails is enough: the other negations need no look.
         contradicts = bool(staged.contradictions)
         staged.discard()
         if not contradicts:
@@ -284,6 +287,7 @@ def _negations(closure: Closure, statement: Triple, parts: _Conclusion) -> Negat
             _rdfs("subClassOf"),
             *map(_owl, ("equivalentClass", "disjointWith")),
         )
+        # The assumptions name new individuals, which are no values of a data property.
         if not (of_properties and _is_data(closure, s)):
             yield from _AXIOMS[p](s, o)
     elif p == TYPE:

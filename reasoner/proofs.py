@@ -190,6 +190,8 @@ class Prover:
     def prove(self, fact: Fact) -> Proof | Undecided:
         """Return a proof of least height, or that the budget did not suffice to find one."""
         try:
+            # Iterative deepening: the first proof found has the least height, and facts that derive
+            # each other in a circle never prove themselves.
             for height in range(MAX_HEIGHT):
                 proof = self._search(fact, height)
                 if proof is not None:
@@ -203,6 +205,7 @@ class Prover:
         proven = self._proven.get(goal)
         if proven is not None:
             return proven if proven.height <= height else None
+        # No proof of this height means none of a smaller one either.
         if self._refuted.get(goal, -1) >= height:
             return None
         self._budget.spend(1)
@@ -226,6 +229,7 @@ class Prover:
 
     def _steps(self, goal: Fact, height: int) -> Iterator[Proof]:
         """Yield the proofs whose last step derives the goal, in a fixed order."""
+        # Sets have no order that two runs share; the same question must get the same proof.
         for rule in sorted(self._rules_for(goal), key=self._rule_order):
             for premises, absent in sorted(self._instances(rule, goal), key=self._order):
                 yield from self._step(goal, rule.name, premises, height, rule, absent)
@@ -245,6 +249,7 @@ class Prover:
             if not merged:
                 yield rule
                 continue
+            # The variants multiply with the members of each class.
             choices = islice(product(*map(self._equality.members, merged)), MAX_VARIANTS)
             variants = [rule.substitute(dict(zip(merged, c, strict=True))) for c in choices]
             stated = [r for r in variants if all(map(self._is_as_asserted, r.because))]

@@ -120,6 +120,7 @@ def tolerance_limit(
         quality, low = quality_at(part, grasp, test, tolerance, samples, seed)
         return float(quality[0]), float(low[0])
 
+    # The bound need not fall steadily: the grid shows crossings that bisection alone would miss.
     sigmas = np.geomspace(1e-3 * part.radius, end, _GRID)
     values = np.array([bound(sigma) for sigma in sigmas])
     good = values[:, 1] >= threshold
@@ -273,6 +274,7 @@ def optimise_tolerance(
     owner = np.array([[cell[1] for cell in row] for row in cells])
     i, j = np.unravel_index(int(np.argmin(grid)), grid.shape)
     q = cells[i][j][2]
+    # One standard error of the quality, which is not 0 where every draw succeeded.
     noise = failure_cost * np.sqrt(max(q * (1 - q), 1 / 200) / 200)
     rows, columns = np.nonzero(grid <= grid[i, j] + noise)
     a, b, value, grasp = _zoom(search, float(axis[i]), float(axis[j]), keep, (low, high), samples)
@@ -294,6 +296,7 @@ def _promising(search: _Search, sigmas: FloatArray) -> IntArray:
     low, high, middle = sigmas
     share = 1 - min(1.0, 12 / len(search.grasps))
     for near, far in ((low, low), (low, high), (high, low), (high, high), (middle, middle)):
+        # Each grasp has near vertices of its own: one look at all takes the mean for any of them.
         spread = np.where(search.near.any(axis=0), np.sqrt(near * far), far)
         analysis = analyse(
             search.part, search.grasps, search.test, Tolerance(spread, search.com_std),

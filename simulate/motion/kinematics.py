@@ -66,6 +66,7 @@ class Chain:
         tail = fixed_before
         self._origins = np.array([origin[:3, 3] for _, origin in moving])
         self._rotations = np.array([origin[:3, :3] for _, origin in moving])
+        # Most joints of a URDF have no turn of their own, whose product would be half of the work.
         self._rotates = [not np.allclose(rotation, np.eye(3)) for rotation in self._rotations]
         axes = np.array([joint.axis for joint, _ in moving], dtype=np.float64)
         self._axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
@@ -119,6 +120,7 @@ class Chain:
             raise ValueError(f"expected joint values of shape (b, {self.dof}) rad, got {q.shape}")
         batch = len(q)
         self.evaluations += batch
+        # A prismatic joint does not turn, so its Rodrigues term becomes the identity.
         angles = np.where(self.slides, 0.0, q)
         sin, cos = np.sin(angles)[:, :, None, None], 1.0 - np.cos(angles)[:, :, None, None]
         spins = np.eye(3) + sin * self._skews + cos * self._squares  # Rodrigues
@@ -253,6 +255,7 @@ def solve_ik(
     for _ in range(options.iterations):
         rows, residual = _equations(chain, q, goal, options.closing_weight)
         step = _damped_step(rows, residual, 4 * options.damping**2)
+        # Far from the goal the linearised step means nothing beyond some tenths of a radian.
         step = np.clip(step, -options.largest_step, options.largest_step)
         before, q = q, np.clip(q + step, lower, upper)
         if np.max(np.abs(q - before)) < options.converged:
@@ -274,7 +277,9 @@ def _equations(chain: Chain, q: Floats, goal: Goal, closing_weight: float) -> tu
     closing = rotation[:, :, 0]
     rows, residuals = [linear], [goal.position - position]
     if goal.closing is not None:
+        # Swapping the jaws is the same grasp: turn to the nearer sense.
         sign = np.where(closing @ goal.closing < 0, -1.0, 1.0)[:, None]
+        # For small turns the cross product is the rotation vector; the weight makes rad into m.
         rows.append(closing_weight * angular)
         residuals.append(closing_weight * _cross(closing, sign * goal.closing))
     else:

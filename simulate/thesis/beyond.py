@@ -22,7 +22,7 @@ ENTRIES = (
     ),
     _shown(
         number="rights",
-        shows="robots that cannot mislead each other",
+        shows="what a robot cannot do to the others",
         run="beyond:rights",
         why="in both theses whoever connects may write anything. Here a robot writes facts "
         "under its own name, and no axiom of one robot makes facts of others illegal or "

@@ -317,6 +317,7 @@ def test_a_follower_goes_on_without_its_writer_and_takes_its_place_when_promoted
         assert _values(promoted, "urn:new", robot) == ["1"]
 
 
+@pytest.mark.deep
 def test_a_bulk_load_makes_a_follower_start_over(
     folder: Path, token_file: Path, follow: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,6 +23,7 @@ from tests.architecture.imports import PACKAGES, ROOT
 __all__ = ["Distributions", "build_distributions", "faults"]
 
 _VENDOR = "endpoint/pages/static/vendor"
+_OF_OTHERS = (".whl", ".egg", ".deb", ".jar", ".exe", ".so", ".dll", ".dylib")
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,8 @@ def faults(built: Distributions) -> list[str]:
     whole = _tracked(*PACKAGES) | bundled
     project = _tracked("README.md", "LICENSE", "NOTICE", "CHANGELOG.md", "pyproject.toml", "tests")
     found = [f"the sdist lacks {name}" for name in sorted((whole | project) - packed)]
+    # What `pip download` leaves in a checkout belongs to others, and would be released as ours.
+    found += [f"the sdist holds {name}" for name in sorted(packed) if name.endswith(_OF_OTHERS)]
     found += [f"the wheel lacks {name}" for name in sorted(whole - installed)]
     found += [f"the wheel holds {name}" for name in sorted(installed - whole)]
     found += [f"the wheel lacks {name}" for name in ("LICENSE", "NOTICE")

@@ -141,6 +141,7 @@ class RecognitionIndex:
         name = ViewName(view_iri, object_iri, class_iri)
         block = block_of_view(name, features, self._hasher)
         with self._writing:
+            # In the journal first: killed between the two, the next opening makes the change again.
             self._record(Change("add", *name, features=features.to_bytes()))
             self._apply_add(name, block)
             if self._delta_rows() >= self._seal_rows:
@@ -280,6 +281,7 @@ class RecognitionIndex:
         journal = Journal(folder.path / f"delta-{number:06d}.log")
         entries = tuple(piece.entry(str(piece.folder)) for piece in stored)
         manifest = Manifest(self._hasher.digest(), entries, journal.path.name)
+        # Up to here the old index is whole, from here on the new one: this replaces one file.
         folder.commit(manifest)
         if self._journal is not None:
             self._journal.close()
@@ -368,6 +370,7 @@ class RecognitionIndex:
     def _apply_remove(self, view_iri: str) -> Part:
         old = self._snapshot
         number = self._number.pop(view_iri)
+        # Queries that are running keep their snapshot, so arrays are replaced and never changed.
         views = old.alive.copy()
         views[number] = False
         parts = list(old.parts)

@@ -236,6 +236,7 @@ class JournalFile:
         try:
             for piece in pieces:
                 view = memoryview(piece)
+                # A single call may write less, as when a signal arrives or the disk is almost full.
                 while view:
                     view = view[os.write(self._handle, view) :]
         except BaseException as error:
@@ -269,6 +270,7 @@ class JournalFile:
         with self._syncing:
             if self._synced >= seq or self._handle < 0:
                 return
+            # Read before the call: what is appended meanwhile may not be on the disk after it.
             written = self._written
             try:
                 os.fdatasync(self._handle)
@@ -291,6 +293,7 @@ class JournalFile:
             self._path = path
             self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC)
             self._size = os.fstat(self._handle).st_size
+        # The data of a new file can be durable while its name in the folder is not.
         sync_folder(self._folder)
 
     def _close_segment(self) -> None:

@@ -10,7 +10,7 @@ from pyoxigraph import NamedNode
 import ontology as terms
 import rtask
 from reasoner import Proof
-from rtask.errors import ForbiddenError
+from rtask.errors import ForbiddenError, InconsistentError
 from rtask.rdf.terms import prologue
 from simulate.fleet.sharing import sharing_study, summarise_sharing
 from simulate.study.day.command import summary_of as summary_of_days
@@ -39,6 +39,14 @@ _AXIOMS = (
     "[] a owl:AllDifferent ; owl:distinctMembers (its:mug its:bowl)",
 )
 """Statements that could make another robot's facts illegal, or its terms mean other things."""
+
+
+_VALUES = (
+    ("<robot/nao-2>", "rt:serialNumber", "'0000'", "'A17'"),
+    ("its:mug", "rt:mass", "9.0e0", "0.2e0"),
+    ("its:mug", "rt:graspWidth", "9.0e0", "0.06e0"),
+)
+"""Things of another robot: a property with one value, a false one, and the owner's."""
 
 
 def inference(setting: Setting) -> Result:
@@ -106,6 +114,17 @@ def rights(setting: Setting) -> Result:
             stored += bool(
                 kb.update(f"{prefixes}{others}INSERT DATA {{ {fact} }}", agent="nao-2").added
             )
+        kept = 0
+        for thing, name, false, true in _VALUES:
+            for agent, value in (("nao-1", false), ("nao-2", true)):
+                try:
+                    text = (
+                        f"BASE <{_BASE}> {prefixes}{others}INSERT DATA {{ {thing} {name} {value} }}"
+                    )
+                    is_stored = bool(kb.update(text, agent=agent).added)
+                except (ForbiddenError, InconsistentError):
+                    is_stored = False
+            kept += is_stored
         changed = list(
             kb.select(
                 f"{prefixes}{others}SELECT ?thing WHERE {{ VALUES ?thing {{ its:mug its:bowl }} "
@@ -117,8 +136,16 @@ def rights(setting: Setting) -> Result:
             share_of("axioms of one robot about terms of others, refused", refused, len(_AXIOMS)),
             share_of("facts of another robot after each, stored", stored, len(_AXIOMS)),
             Compared("things of the other robot that changed", float(len(changed))),
+            share_of(
+                "its own values, stored although a robot had stated a false one before it",
+                kept,
+                len(_VALUES),
+            ),
         ),
-        ("a robot may state facts, and axioms about terms of its own that nobody else uses",),
+        (
+            "a robot may state facts, and axioms about terms of its own that nobody else uses",
+            "where the last share is below 1, whoever speaks first of a value can stop its owner",
+        ),
     )
 
 

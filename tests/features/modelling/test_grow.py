@@ -186,6 +186,7 @@ def test_a_stored_model_grows_as_the_one_in_memory_does() -> None:
     assert all(np.array_equal(a[1], b[1]) for a, b in zip(here.sources, there.sources, strict=True))
 
 
+@pytest.mark.deep
 def test_movements_of_many_views_are_settled() -> None:
     model = ObjectModel()
     for azimuth in range(0, 360, 28):

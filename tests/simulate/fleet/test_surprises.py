@@ -43,6 +43,7 @@ def _clear(body: SimulatedBody, meddle: Meddle) -> list[Encounter]:
         return Agent(body, cast(Server, client), AgentConfig(max_attempts=3)).clear_table()
 
 
+@pytest.mark.deep
 @pytest.mark.slow
 def test_an_object_that_is_moved_is_missed_looked_for_and_taken_where_it_is(
     body: SimulatedBody,

@@ -164,6 +164,7 @@ def test_what_weighs_too_much_stays_on_the_table(scene):
     assert record.reason == "slip_lift"
 
 
+@pytest.mark.deep
 @pytest.mark.slow
 def test_a_loss_during_the_hold_is_named(can):
     world, executor, body = can
@@ -223,10 +224,8 @@ def test_landing_beside_the_box_is_drop_outside_as_all_of_the_box_is_seen(robot,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("where", "answer"),
-    [("box", "yes"), pytest.param("table", "no", marks=pytest.mark.deep)],
-)
+@pytest.mark.deep
+@pytest.mark.parametrize(("where", "answer"), [("box", "yes"), ("table", "no")])
 def test_what_a_nao_lost_on_the_way_is_placed_where_it_sees_it(where, answer):
     with Workcell("nao", preset="fast") as cell:
         world = cell.world

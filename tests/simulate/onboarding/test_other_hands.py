@@ -118,6 +118,7 @@ def test_the_wrist_behind_a_cup_is_as_wide_as_the_flange_of_its_arm() -> None:
     assert cup_with_wrist(panda, told) == told.cup
 
 
+@pytest.mark.deep
 @WITH_A_CUP
 def test_where_nothing_stands_nothing_is_held(cell: Workcell) -> None:
     plan = cell.executor.plan(posed(cell))
@@ -146,6 +147,7 @@ def test_the_act_service_grasps_and_puts_down(cell: Workcell) -> None:
         cell.world.remove(body)
 
 
+@pytest.mark.deep
 @WITH_A_CUP
 def test_the_way_home_goes_around_what_was_put_down(cell: Workcell) -> None:
     body = put_box(cell)

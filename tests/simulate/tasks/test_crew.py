@@ -229,7 +229,15 @@ class KilledError(RuntimeError):
     """The program of a robot ends here."""
 
 
-@pytest.mark.parametrize("after", ["claim_step", "act", "report_outcome", "end_step"])
+@pytest.mark.parametrize(
+    "after",
+    [
+        "act",
+        "end_step",
+        pytest.param("claim_step", marks=pytest.mark.deep),
+        pytest.param("report_outcome", marks=pytest.mark.deep),
+    ],
+)
 def test_a_robot_that_is_killed_anywhere_and_started_again_does_nothing_twice(world, after):
     world.store()
     left = {"kills": 6}

@@ -44,7 +44,13 @@ def attempt(kb: KnowledgeBase, text: str) -> rtask.Commit | RtaskError:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        kind if number % 2 == 0 else pytest.param(kind, marks=pytest.mark.deep)
+        for number, kind in enumerate(KINDS)
+    ],
+)
 def test_a_hostile_write_is_stored_or_refused_whole_within_the_bounds(
     opened: KnowledgeBase, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
