@@ -107,13 +107,26 @@ def _tool(definition: Definition, method: Method) -> dict[str, Any]:
                 for name, need in files.items()
             },
         }}  # fmt: skip
+    schema.pop("description", None)  # the tool says it
     return {
         "name": _name(definition, method),
         "title": method.summary,
         "description": f"{method.summary}. {method.description}".strip(),
-        "inputSchema": {"type": "object", **schema},
+        "inputSchema": {"type": "object", **_for_agents(schema)},
         "annotations": {"readOnlyHint": method.effect == "reads"},
     }
+
+
+def _for_agents(schema: Any) -> Any:
+    """Return a schema without what only ROS and forms read; its descriptions have the units.
+
+    That is a fifth of the list of tools, which an agent pays for at each session.
+    """
+    if isinstance(schema, dict):
+        return {
+            name: _for_agents(part) for name, part in schema.items() if not name.startswith("x-")
+        }
+    return [_for_agents(part) for part in schema] if isinstance(schema, list) else schema
 
 
 def _plan_call(

@@ -8,16 +8,21 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from jsonschema import Draft202012Validator
 
+import rtask
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.access.tokens import TokenStore
-from endpoint.api.tools import effect_of_tool, plan_tools
+from endpoint.api.tools import _answer, effect_of_tool, plan_tools
 from endpoint.http.agent_calls import AgentCalls
 from endpoint.http.messages import Request
 from endpoint.http.plan import Plan
 from endpoint.settings import Config
+from rtask.engine import Engine
 from rtask.kb.commit.access import Access
+from rtask.knowledge_base import KnowledgeBase
 from rtask.services import Service, ServiceHost, method
+from rtask.services.offered import open_host
 
 MAY_END = threading.Event()
 
@@ -130,3 +135,41 @@ def test_a_call_that_was_given_up_in_the_queue_is_late(host):
 )
 def test_a_call_does_what_the_method_declares_and_a_refused_one_nothing(host, tool, effect):
     assert effect_of_tool(host, tool) == effect
+
+
+def test_the_schemas_of_all_tools_are_for_agents_and_allow_their_own_defaults() -> None:
+    with rtask.open(":memory:", reason=False) as kb, Engine(kb) as engine:
+        assert isinstance(kb, KnowledgeBase)
+        with open_host(engine) as opened:
+            tools = listed(opened)
+    assert len(tools) > 40
+    assert len(json.dumps(tools)) < 120_000
+    defaults = 0
+    for tool in tools:
+        schema = tool["inputSchema"]
+        Draft202012Validator.check_schema(schema)
+        for part in parts(schema):
+            assert not any(name.startswith("x-") for name in part)
+            if "default" in part:
+                whole = {**part, "$defs": schema.get("$defs", {})}
+                Draft202012Validator(whole).validate(part["default"])
+                defaults += 1
+    assert defaults > 10
+
+
+def listed(host: ServiceHost) -> list[dict[str, Any]]:
+    """Return the tools that an admin is offered."""
+    caller = Caller(Access("ann", "admin"))
+    tools: list[dict[str, Any]] = _answer(host, caller, "tools/list", {})["result"]["tools"]
+    return tools
+
+
+def parts(schema: Any) -> Iterator[dict[str, Any]]:
+    """Yield the schemas within a schema, itself among them."""
+    if isinstance(schema, dict):
+        yield schema
+        for part in schema.values():
+            yield from parts(part)
+    elif isinstance(schema, list):
+        for part in schema:
+            yield from parts(part)

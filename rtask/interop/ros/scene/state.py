@@ -105,11 +105,13 @@ class SceneState:
 
     def _fits(self, more: Any, objects: dict[str, SceneObject]) -> bool:
         """Return whether so many objects are read; more of them are a fault of the scene."""
-        if len(more) + len(objects) <= MAX_OBJECTS:
+        number = len(more) + len(objects)
+        if number > MAX_OBJECTS:  # those that come again, as in a change, count once
+            names = {str(getattr(each, "object", each).id) for each in more}
+            number = max(len(more), len(names | objects.keys()))
+        if number <= MAX_OBJECTS:
             return True
-        self.faults["the scene"] = (
-            f"{len(more) + len(objects)} objects; at most {MAX_OBJECTS} are read"
-        )
+        self.faults["the scene"] = f"{number} objects; at most {MAX_OBJECTS} are read"
         return False
 
     def _take_frames(self, transforms: Iterable[Any]) -> None:

@@ -266,6 +266,15 @@ def test_malformed_matrices_attached_objects_and_too_many_objects_are_named():
         points(many)
 
 
+def test_objects_that_come_again_count_once(monkeypatch):
+    monkeypatch.setattr("rtask.interop.ros.scene.state.MAX_OBJECTS", 3)
+    three = [thing(f"t{number}") for number in range(3)]
+    again = scene(*three, is_diff=True)
+    assert state(scene(*three), again).faults == {}
+    more = state(scene(*three), scene(thing("t3"), is_diff=True))
+    assert more.faults == {"the scene": "4 objects; at most 3 are read"}
+
+
 def test_only_some_of_many_faults_are_told():
     bad = [thing(f"t{number}", kind=0) for number in range(9)]
     with pytest.raises(UsageError, match=r"t0: .*t2: it has no shapes.*; and 6 more"):
