@@ -109,6 +109,7 @@ class ServerContext:
             gauges["rtask_log_lines_dropped_total"] = lambda: writer.dropped
         if isinstance(kb, KnowledgeBase):
             kb.proposes_axioms = config.propose_axioms
+            kb.writer.committer.has_schema = tokens.has_schema
             gauges["rtask_writers_waiting"] = lambda: kb.write_queue()[0]
             gauges["rtask_writer_wait_seconds"] = lambda: kb.write_queue()[1]
         if following is not None:

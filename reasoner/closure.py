@@ -13,7 +13,7 @@ from pyoxigraph import Triple as TripleTerm
 
 from reasoner.causes import Cause, Search
 from reasoner.config import Config, InconsistentError
-from reasoner.contradictions import Contradiction, describe
+from reasoner.contradictions import PROOF_BUDGET, Contradiction, describe
 from reasoner.exports import Triples, difference, small_difference
 from reasoner.facts.arrays import Keys
 from reasoner.facts.changes import FactChange
@@ -21,6 +21,7 @@ from reasoner.facts.layer import Asserted
 from reasoner.fixpoint.checks import Inconsistency
 from reasoner.fixpoint.maintenance import Draft, Maintainer, Settings
 from reasoner.handover import Difference, Handover, Reporter
+from reasoner.proofs import Proof
 from reasoner.rules.user_rules import LabelledRule
 from reasoner.rules.work import ChangeBudget
 from reasoner.saved.image import Contents, Image, fingerprint
@@ -101,6 +102,21 @@ class Staged:
         if self._draft is None:
             raise RuntimeError("this change was already applied or discarded")
         return self._closure._causes(self._news, self._rules, self._draft, budget_ms)
+
+    def prove(self, triple: Triple, budget: int = PROOF_BUDGET) -> Proof | None:
+        """Return a proof of a triple that holds with the change; ``None`` beyond the budget.
+
+        Raises
+        ------
+        RuntimeError
+            If the change was applied or discarded before.
+        """
+        if self._draft is None:
+            raise RuntimeError("this change was already applied or discarded")
+        proof = self._closure._reading(self._draft).prove(
+            self._closure._terms.encode_all([triple])[0], budget
+        )
+        return proof if isinstance(proof, Proof) else None
 
     def apply(self) -> None:
         """Bring the change into force.

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from reasoner.fixpoint.checks import LISTED, Inconsistency
 from reasoner.proofs import Proof
-from reasoner.terms.dictionary import Triple
-from reasoner.terms.vocabulary import SAME
+from reasoner.terms.dictionary import Fact, Triple
+from reasoner.terms.vocabulary import LITERAL, SAME
 
 if TYPE_CHECKING:
     from reasoner.reading import Reading
@@ -55,6 +55,8 @@ class Contradiction:
     proofs : tuple of Proof
         Of the triples, as far as they were found within a budget.
     message : str
+    equalities : tuple of Proof
+        Of the identities by which the triples and the axioms meet, as far as they were found.
     """
 
     rule: str
@@ -62,13 +64,20 @@ class Contradiction:
     axioms: tuple[Triple, ...]
     proofs: tuple[Proof, ...]
     message: str
+    equalities: tuple[Proof, ...] = ()
 
     def __str__(self) -> str:
         return self.message
 
     def culprits(self) -> Iterator[Triple]:
         """Yield each asserted statement behind the clash once; one of them must be wrong."""
-        yield from dict.fromkeys(leaf for proof in self.proofs for leaf in proof.leaves())
+        proofs = (*self.proofs, *self.equalities)
+        yield from dict.fromkeys(leaf for proof in proofs for leaf in proof.leaves())
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether a proof of each triple was found."""
+        return len(self.proofs) == len(self.triples)
 
 
 def describe(finding: Inconsistency, reading: Reading) -> Contradiction:
@@ -81,7 +90,20 @@ def describe(finding: Inconsistency, reading: Reading) -> Contradiction:
     attempts = [reading.prove(fact, PROOF_BUDGET) for fact in facts]
     proofs = tuple(proof for proof in attempts if isinstance(proof, Proof))
     triples = tuple(map(decode, facts))
-    axioms = tuple(decode(reading.asserted_form(fact)) for fact in finding.because)
+    forbidding = [reading.asserted_form(fact) for fact in finding.because]
+    axioms = tuple(map(decode, forbidding))
+    equalities = tuple(_equalities([*facts, *forbidding], reading))
     premises = "; ".join(" ".join(map(str, triple)) for triple in triples)
     message = f"{MESSAGES.get(finding.rule, 'a clash')} ({finding.rule}): {premises}"
-    return Contradiction(finding.rule, triples, axioms, proofs, message)
+    return Contradiction(finding.rule, triples, axioms, proofs, message, equalities)
+
+
+def _equalities(facts: list[Fact], reading: Reading) -> Iterator[Proof]:
+    """Yield proofs that terms of some facts are the same individual."""
+    seen: dict[int, int] = {}
+    for number in dict.fromkeys(number for fact in facts for number in fact):
+        first = seen.setdefault(reading.equality.find(number), number)
+        if first != number and number < LITERAL and first < LITERAL:
+            proof = reading.prove((first, SAME, number), PROOF_BUDGET)
+            if isinstance(proof, Proof):
+                yield proof

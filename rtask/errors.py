@@ -303,9 +303,16 @@ class ValidationError(DataError):
 
 
 class InconsistentError(DataError):
-    """The data contradict the ontology; ``contradictions`` lists the clashing triples."""
+    """The data contradict the ontology; ``contradictions`` lists the clashing triples.
+
+    Attributes
+    ----------
+    clashes
+        The :class:`reasoner.Contradiction` of each, in this process only.
+    """
 
     slug = "inconsistent"
+    clashes: Sequence[Any] = ()
 
 
 class VersionConflictError(DataError):

@@ -360,6 +360,15 @@ class TokenStore:
         self._ever_issued |= bool(any_token)
         self._ever_limited |= bool(limited)
 
+    def has_schema(self, agent: str) -> bool:
+        """Return whether a token of an agent that is in force may state axioms about any term."""
+        return any(
+            token.agent == agent
+            and not token.revoked
+            and (token.role == "admin" or "schema" in token.rights)
+            for token in self.all()
+        )
+
     def all(self) -> list[Token]:
         """Return all tokens, oldest first."""
         with self._reading() as connection:

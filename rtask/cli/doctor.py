@@ -242,6 +242,25 @@ def _axioms(folder: Path) -> Finding:
     return Finding("axioms", "note", detail, "keep them, or remove them with rtask update")
 
 
+def _set_aside(folder: Path) -> Finding:
+    """Statements in quarantine, which contradicted others or those of a name's owner."""
+    import rtask
+    from rtask.errors import RtaskError
+
+    if not folder.exists():
+        return Finding("quarantine", "ok", "empty")
+    try:
+        with rtask.open(folder, mode="r") as kb:
+            held = kb.quarantined()
+            authors = sorted({kb.graphs.owner(h.quad.graph_name) or "others" for h in held})
+    except RtaskError:
+        return Finding("quarantine", "note", "not looked at: the store does not open")
+    if not held:
+        return Finding("quarantine", "ok", "empty")
+    detail = f"{len(held)} statements of {', '.join(authors)}, e.g. because {held[-1].reason}"
+    return Finding("quarantine", "note", detail, f"see rtask quarantine -d {folder}")
+
+
 def examine(data: Path | None, port: int) -> Iterator[Finding]:
     """Look at everything, cheapest first."""
     checks: list[Callable[[], Finding]] = [
@@ -262,6 +281,7 @@ def examine(data: Path | None, port: int) -> Iterator[Finding]:
         checks.append(lambda: _store(data))
         checks.append(lambda: examine_clock(data))
         checks.append(lambda: _axioms(data))
+        checks.append(lambda: _set_aside(data))
     for check in checks:
         yield check()
 

@@ -271,7 +271,8 @@ def quarantine(
     """List statements that contradict the others; put them back, or delete them.
 
     A knowledge base that is opened with on_inconsistency="quarantine" sets such statements aside
-    instead of refusing the commit. RECORDS are IRIs from the list; without any, all are meant.
+    instead of refusing the commit; each does so with what stands in the way of a name's owner.
+    RECORDS are IRIs from the list; without any, all are meant.
     Putting back fails, and changes nothing, while a statement still contradicts the others.
     """
     records = tuple(name_or_iri(record, data) for record in records)

@@ -81,6 +81,7 @@ class Reverting(Writing):
             kinds=self._kinds(added, removed),
             max_quads=_UNLIMITED,
             cause_ms=_CAUSE_MS,
+            moves_records=True,
         )
         with self.commit_block(request) as tx:
             tx.remove_quads(added)

@@ -17,7 +17,7 @@ import pytest
 
 import rtask
 from endpoint.access.tokens import TokenStore
-from tests.servers import RunningServer, bearer, running_server
+from tests.servers import STOP_S, RunningServer, bearer, running_server
 
 pytestmark = pytest.mark.slow
 
@@ -134,6 +134,8 @@ def test_a_hostile_update_ends_while_others_are_served(server: RunningServer, se
     assert served > 0
 
 
+ENDS_S = 5.0
+"""Processor time between SIGTERM and the end of a server."""
 ENDLESS = "SELECT (COUNT(*) AS ?n) { " + " . ".join(f"?a{i} <urn:b> ?b{i}" for i in range(6)) + " }"
 CHAIN = " ".join(f"<urn:t{i}> <urn:t> <urn:t{i + 1}> ." for i in range(1_500))
 TRANSITIVE = "<urn:t> a <http://www.w3.org/2002/07/owl#TransitiveProperty> ."
@@ -159,6 +161,16 @@ def stopped_beside(running: RunningServer, work: Callable[[], httpx.Response]) -
         assert time.monotonic() < deadline
         time.sleep(0.01)
     children = psutil.Process(running.process.pid).children(recursive=True)
+    spent = at_signal = spent_s(running)
+    running.process.terminate()
+    deadline = time.monotonic() + STOP_S
+    while running.process.poll() is None:
+        assert time.monotonic() < deadline
+        with contextlib.suppress(psutil.Error):
+            spent = max(spent, spent_s(running))
+        time.sleep(0.01)
+    # On an idle machine as many seconds of the clock: what is under way would take ten times that.
+    assert spent - at_signal < ENDS_S
     assert running.stop() == 0
     caller.join(timeout=60)
     assert not psutil.wait_procs(children, timeout=10)[1]

@@ -57,6 +57,9 @@ class _BranchStaged:
         """Forget a closure that was built to explain the state before."""
         self.inference.forget()
 
+    def prove(self, triple: TripleKey) -> None:
+        """Return no proof: the trunk's closure keeps nothing of what it derived."""
+
     def discard(self) -> None:
         """Do nothing: the trunk's closure keeps nothing of it."""
 

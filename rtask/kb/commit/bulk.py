@@ -19,9 +19,11 @@ from pyoxigraph import Quad, RdfFormat, parse
 from rtask.errors import ForbiddenError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import MAX_QUADS, Commit, Request
-from rtask.kb.commit.committer import Committer
+from rtask.kb.commit.committer import PROOF_BUDGET, Committer
 from rtask.kb.commit.foreign.identity import MAX_MERGES, merge_refused, merges_of_others
+from rtask.kb.commit.foreign.supports import leaves_of
 from rtask.kb.commit.inference import Inference
+from rtask.kb.commit.quarantine import record
 from rtask.kb.commit.schema_right import SchemaRight, axiom_refused
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import Files
@@ -87,7 +89,7 @@ def bulk_add(
         _checkpoint(files, committer.last_seq)
         if files.folder is not None:
             discard_saved(files.folder)
-        _mark(files, graph)
+        _mark(files, graph, request.access)
         fresh: list[Quad] = []
         if isinstance(data, TripleText):
             touched = _add_text(files, committer, data, graph, request.access, fresh)
@@ -194,7 +196,11 @@ def _add_quads(
 
 
 def finish_bulk(
-    writer: Writer, inference: Inference | None, request: Request, fresh: Collection[Quad] = ()
+    writer: Writer,
+    inference: Inference | None,
+    request: Request,
+    fresh: Collection[Quad] = (),
+    records: Collection[Quad] = (),
 ) -> Commit:
     """Recompute the inferred graph and commit the difference.
 
@@ -205,6 +211,8 @@ def finish_bulk(
     ----------
     fresh
         Statements stored before, to be withdrawn if the caller may not state what follows.
+    records
+        Of statements that go to quarantine.
 
     Raises
     ------
@@ -213,6 +221,7 @@ def finish_bulk(
     """
     overlay = writer.begin()
     try:
+        overlay.add_all(records)
         if inference is not None:
             missing, surplus = inference.difference()
             if fresh:
@@ -262,7 +271,8 @@ def complete(writer: Writer, files: Files, inference: Inference | None, access: 
     mark = _mark_file(files)
     if mark is None or not mark.exists():
         return False
-    name = json.loads(mark.read_text("utf-8"))["graph"]
+    load = json.loads(mark.read_text("utf-8"))
+    name, author = load["graph"], load.get("checked")
     if name and not files.settings.plain:
         store = files.store
         if files.settings.is_merged:
@@ -272,9 +282,51 @@ def complete(writer: Writer, files: Files, inference: Inference | None, access: 
             )
         recount = _miscounted(writer.committer, store) | {iri(name)}
         note = "complete an interrupted load"
-        finish_bulk(writer, inference, Request(access, note=note, trusted=True, recount=recount))
+        request = Request(access, note=note, trusted=True, recount=recount)
+        merging: list[Quad] = []
+        if author and inference is not None:
+            merging = _withdraw_merging(writer, inference, iri(name), Access(author, "robot"))
+        finish_bulk(writer, inference, request, records=_records(writer, merging))
     _unmark(files)
     return True
+
+
+def _withdraw_merging(
+    writer: Writer, inference: Inference, graph: NamedNode, access: Access
+) -> list[Quad]:
+    """Withdraw what a load that was cut short would have been refused for; return it.
+
+    Nobody knows any more which statements of the graph it brought, so only those go from which it
+    follows that individuals of others are the same.
+    """
+    committer = writer.committer
+    store, bound = committer.store, access.bind(committer.graphs)
+    gone: list[Quad] = []
+    with writer.exclusive():
+        for _ in range(MAX_MERGES):
+            missing, _surplus = inference.difference()
+            pairs = merges_of_others(missing, bound, committer.graphs, store)
+            proofs = [inference.explain(pair, PROOF_BUDGET) for pair in islice(pairs, MAX_MERGES)]
+            supports = [leaves_of(proof).statements for proof in proofs if proof.holds]
+            quads = dict.fromkeys(Quad(*t, graph) for support in supports for t in support)
+            removed = dict.fromkeys(quad for quad in quads if quad in store)
+            if not removed:
+                return gone
+            union = () if store.is_view else union_change(store, removed, ()).removed
+            apply(store, Writes(QuadChain(removed, union)))
+            gone += removed
+    return gone
+
+
+def _records(writer: Writer, quads: Collection[Quad]) -> list[Quad]:
+    """Return what the quarantine holds of statements that a load left."""
+    graphs, seq = writer.committer.graphs, writer.committer.last_seq + 1
+    reason = "a load that was cut short: others' individuals would be one with another"
+    return [
+        line
+        for number, quad in enumerate(quads, 1)
+        for line in record(graphs, quad, reason, seq, number)
+    ]
 
 
 def take_in(writer: Writer, files: Files, inference: Inference | None, access: Access) -> bool:
@@ -304,10 +356,12 @@ def _mark_file(files: Files) -> Path | None:
     return None if files.folder is None else files.folder / _MARK
 
 
-def _mark(files: Files, graph: GraphName) -> None:
+def _mark(files: Files, graph: GraphName, access: Access) -> None:
     mark = _mark_file(files)
     if mark is not None:
-        write_durably(mark, json.dumps({"graph": getattr(graph, "value", "")}) + "\n")
+        by = None if access.may_state_axioms else access.agent
+        load = {"graph": getattr(graph, "value", ""), "checked": by}
+        write_durably(mark, json.dumps(load) + "\n")
 
 
 def _unmark(files: Files) -> None:

@@ -10,6 +10,7 @@ from pyoxigraph import Quad
 
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.budget import OF_ROBOTS, ReasoningLimits
+from rtask.kb.commit.foreign.supports import Support
 from rtask.kb.commit.inference import CAUSE_BUDGET_MS, Derivation
 from rtask.kb.commit.validation import Violation
 from rtask.kb.durability.blobs import Blob
@@ -114,6 +115,10 @@ class Request:
         aside: :class:`LongDerivationError` says so.
     trial
         The derivation that was tried aside.
+    supports
+        What others' statements about the author's names were found to stand in the way of.
+    moves_records
+        Whether the change may touch the quarantine, which only the knowledge base writes.
     """
 
     access: Access
@@ -130,6 +135,8 @@ class Request:
     reasoning: ReasoningLimits | None = None
     is_repeatable: bool = False
     trial: Derivation | None = None
+    supports: tuple[Support, ...] = ()
+    moves_records: bool = False
     started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
 
     @property

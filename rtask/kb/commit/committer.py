@@ -8,8 +8,7 @@ from __future__ import annotations
 import datetime as dt
 import logging
 import threading
-from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -17,23 +16,25 @@ from typing import Any
 from pyoxigraph import Quad
 
 from rtask.errors import (
-    MissingBlobError,
+    InconsistentError,
     StorageFullError,
     StoreError,
-    TooLargeError,
     TooMuchFollowsError,
     VersionConflictError,
 )
 from rtask.kb.commit.budget import UNBOUNDED, Guard, ReasoningLimits, stopping
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
-from rtask.kb.commit.commit import MAX_EMPTIED, Change, Commit, Request
-from rtask.kb.commit.foreign.identity import require_identity
+from rtask.kb.commit.checks.requirements import check_blobs, check_literals, check_rights
+from rtask.kb.commit.commit import Change, Commit, Request
+from rtask.kb.commit.foreign.identity import merge_refused, new_merges
+from rtask.kb.commit.foreign.precedence import NamePrecedence
+from rtask.kb.commit.foreign.supports import Support, leaves_of, support_of
 from rtask.kb.commit.inference import Inference, Staged, rules_from_now_on
 from rtask.kb.commit.quarantine import set_aside
 from rtask.kb.commit.schema_right import require_schema
 from rtask.kb.commit.trials.derivation import CAN_FORK, MAX_TRIED, LongDerivationError
 from rtask.kb.commit.validation import ValidationReport, Validator
-from rtask.kb.durability.blobs import PREFIX, BlobStore, digest_of
+from rtask.kb.durability.blobs import BlobStore
 from rtask.kb.durability.journal import CommitRecord, Journal
 from rtask.kb.rules.rule import Rule
 from rtask.kb.rules.rulebook import changed
@@ -48,12 +49,13 @@ from rtask.kb.store.quads import Derived, InGraph, QuadChain, parts_of, quads_wr
 from rtask.kb.store.replacement import ReplacementError, is_large_removal, replace_contents
 from rtask.kb.store.union import Copies, is_empty, union_change
 from rtask.kb.store.writes import Writes
-from rtask.rdf.bounds import MAX_LITERAL, characters, refuse_long_literal
-from rtask.rdf.terms import DEFAULT, LONG_AGO, GraphName, NamedNode
+from rtask.rdf.terms import DEFAULT, LONG_AGO, GraphName, TripleKey
 
 __all__ = ["Committer"]
 
 _log = logging.getLogger(__name__)
+PROOF_BUDGET = 20_000
+"""Steps of the search for what an identity rests on."""
 MAX_LATE = 1_000
 """Changes with more statements store their notes at once: it costs them little."""
 
@@ -77,6 +79,8 @@ class Committer:
         Move contradictory statements to quarantine instead of refusing the whole commit.
     late
         Where the notes of small commits wait; ``None`` without notes.
+    has_schema
+        Whether a contributor of a name has the right ``schema``, as far as is known.
     stop
         Set to end the derivation under way, and each later one; large changes of a server's
         callers are refused then.
@@ -95,6 +99,7 @@ class Committer:
     interrupted: bool = False
     quarantines: bool = False
     late: LateNotes | None = None
+    has_schema: Callable[[str], bool] = lambda _: False
     stop: threading.Event = field(default_factory=threading.Event)
 
     def commit(self, change: Overlay, request: Request) -> Change:
@@ -108,19 +113,23 @@ class Committer:
             return self._commit(change, request)
 
     def _commit(self, change: Overlay, request: Request) -> Change:
-        is_empty = self._check(change, request)
+        names = self._names(request)
+        is_empty = self._check(change, request, names)
         if is_empty and not request.recount:
             return self._unchanged(request)
         if request.check_blobs and not self.plain:
-            self._check_blobs(change)
-        derived, staged, aside = self._derive(change, request)
+            check_blobs(change, self.blobs)
+        derived, staged, aside = self._settle(change, request, names)
         try:
-            self._require_identity(change, derived, request)
             validator = self.validator
             report = ValidationReport() if validator is None else validator.check(change, derived)
             stored = self._store(change, derived, staged, request)
             commit = replace(
-                stored.commit, warnings=tuple(report), shapes=report.shapes, quarantined=aside
+                stored.commit,
+                warnings=tuple(report),
+                shapes=report.shapes,
+                quarantined=aside,
+                remark=None if names is None else self._remark(names),
             )
             return replace(stored, commit=commit)
         except BaseException:
@@ -130,25 +139,78 @@ class Committer:
 
     def rehearse(self, change: Overlay, request: Request) -> tuple[Derived, Staged | None]:
         """Return what would follow from a change, for the caller to discard; store nothing."""
-        if self._check(change, request):
+        names = self._names(request)
+        if self._check(change, request, names):
             return Derived(), None
         if request.check_blobs and not self.plain:
-            self._check_blobs(change)
-        derived, staged, _ = self._derive(change, request)
-        try:
-            self._require_identity(change, derived, request)
-        except BaseException:
-            if staged is not None:
-                staged.discard()
-            raise
+            check_blobs(change, self.blobs)
+        derived, staged, _ = self._settle(change, request, names)
         return derived, staged
 
-    def _require_identity(self, change: Overlay, derived: Derived, request: Request) -> None:
-        """Refuse a caller's data from which others' individuals follow to be the same."""
-        if not (request.trusted or self.plain):
-            require_identity(change, derived.added, request.access, self.graphs)
+    def _names(self, request: Request) -> NamePrecedence | None:
+        if request.trusted or self.plain:
+            return None
+        seq, access = self.last_seq + 1, request.access
+        return NamePrecedence(access, self.graphs, self.store, seq, self.has_schema)
 
-    def _check(self, change: Overlay, request: Request) -> bool:
+    def gives_way(self, supports: Sequence[Support], request: Request) -> bool:
+        """Whether statements about the author's names would be set aside; see `Request`."""
+        names = self._names(request)
+        return names is not None and names.would_give_way(supports)
+
+    def contradicted(
+        self, clashes: Sequence[Any], causes: Sequence[Any], request: Request
+    ) -> Exception:
+        """Return the refusal of a change that contradicts what is stored."""
+        assert self.inference is not None
+        error, names = self.inference.inconsistent(clashes, causes), self._names(request)
+        return error if names is None else names.refused(error, clashes)
+
+    def _remark(self, names: NamePrecedence) -> str | None:
+        if names.moved or not self.catalogue.triple_count(self.graphs.quarantine):
+            return names.remark()
+        return names.notice()
+
+    def _settle(
+        self, change: Overlay, request: Request, names: NamePrecedence | None
+    ) -> tuple[Derived, Staged | None, int]:
+        """Derive what follows, after what others have stated of the author's names gave way."""
+        if names is None:
+            return self._derive(change, request, None)
+        self._free_names(change, request, names)
+        aside = 0
+        while True:
+            try:
+                derived, staged, more = self._derive(change, request, names)
+            except InconsistentError as error:
+                raise names.refused(error, error.clashes) from error
+            aside += more
+            try:
+                access = request.access
+                merges = new_merges(change, derived.added, access, self.graphs)
+                if not merges:
+                    return derived, staged, aside
+                if not names.give_way(change, _behind(merges, staged)):
+                    raise merge_refused(merges, change.added, self.store, access, self.graphs)
+            except BaseException:
+                if staged is not None:
+                    staged.discard()
+                raise
+            if staged is not None:
+                staged.discard()
+
+    def _free_names(self, change: Overlay, request: Request, names: NamePrecedence) -> None:
+        """Set aside what makes the author's names one with others, before it uses them."""
+        if request.supports:
+            names.give_way(change, request.supports)
+        if self.inference is None:
+            return
+        for triple in names.identities(change):
+            proof = self.inference.explain(triple, PROOF_BUDGET)
+            if proof.holds:
+                names.give_way_to_name(change, leaves_of(proof), triple)
+
+    def _check(self, change: Overlay, request: Request, names: NamePrecedence | None) -> bool:
         """Refuse what may not be written now; return whether the change is empty."""
         if self.interrupted:
             raise StoreError("a write was interrupted; open the knowledge base again")
@@ -156,11 +218,13 @@ class Committer:
             self.store.reopen()
         is_empty = change.is_empty()  # a store elsewhere may learn here of other commits
         self._check_version(request)
-        self._check_rights(change, request)
-        if not (request.trusted or self.plain):
+        if not request.trusted:
+            check_rights(change, request, self.graphs, self.catalogue.triple_count, self.plain)
+        if names is not None:
+            names.give_way_to_ids(change)
             require_schema(change, request.access, self.graphs, self.catalogue.declared)
         if not request.trusted:
-            self._check_literals(change)
+            check_literals(change)
         return is_empty
 
     def _check_version(self, request: Request) -> None:
@@ -172,62 +236,9 @@ class Committer:
                 found=self.last_seq,
             )
 
-    def _check_rights(self, change: Overlay, request: Request) -> None:
-        if request.trusted:
-            return
-        for graph in sorted(change.touched_graphs(), key=str):
-            request.access.require_write(graph, "write")
-        if request.access.role in ("robot", "teacher") and not self.plain:
-            for quad in change.added:
-                request.access.require_own_identity(quad, self.graphs)
-        removed, emptied = len(change.removed), 0
-        if removed > request.max_quads:
-            by_graph = Counter(quad.graph_name for quad in change.removed)
-            counts = self.catalogue.triple_count
-            emptied = sum(size for graph, size in by_graph.items() if size == counts(graph))
-        for size, what, allowed, instead in (
-            (len(change.added), "adds", request.max_quads, "load a file instead"),
-            (
-                removed - emptied, "removes", request.max_quads,
-                "remove them in parts, each with a LIMIT",
-            ),
-            (
-                emptied, "removes whole graphs of", max(MAX_EMPTIED, request.max_quads),
-                "remove them one by one",
-            ),
-        ):  # fmt: skip
-            if size > allowed:
-                raise TooLargeError(
-                    f"the commit {what} {size} statements, at most {allowed} are allowed; "
-                    f"{instead}",
-                    limit="statements",
-                    value=size,
-                    allowed=allowed,
-                )
-
-    def _check_literals(self, change: Overlay) -> None:
-        """Refuse literals that are too long, unless the store has them already."""
-        for quad in change.added:
-            if characters(quad.object) <= MAX_LITERAL:
-                continue
-            stored = self.store.quads_for_pattern(None, None, quad.object, None)
-            if next(iter(stored), None) is None:
-                refuse_long_literal(quad.object, f"{quad.subject} {quad.predicate}")
-
-    def _check_blobs(self, change: Overlay) -> None:
-        for quad in change.added:
-            named = quad.object
-            if not isinstance(named, NamedNode) or not named.value.startswith(PREFIX):
-                continue
-            digest = digest_of(named)
-            if digest is None or not self.blobs.has(named):
-                raise MissingBlobError(
-                    f"{quad.subject} {quad.predicate} names {named}, which is not stored here; "
-                    "store its bytes first with tx.blob() or kb.blobs.put()",
-                    blob=digest,
-                )
-
-    def _derive(self, change: Overlay, request: Request) -> tuple[Derived, Staged | None, int]:
+    def _derive(
+        self, change: Overlay, request: Request, names: NamePrecedence | None
+    ) -> tuple[Derived, Staged | None, int]:
         rules = None if self.plain else changed(change, self.graphs)
         if self.inference is None:
             return Derived(), None, 0
@@ -244,11 +255,32 @@ class Committer:
                 if adopted is not None:
                     return *adopted, 0
             if is_tried:
-                return self._look_at(change, request, rules, budget, limits)
+                return self._look_at(change, request, rules, budget, limits, names)
             if self.quarantines and not request.strict:
-                seq = self.last_seq + 1
-                return set_aside(change, self.inference, self.graphs, seq, rules, budget)
-            return *self.inference.stage(change, rules, request.cause_ms, budget), 0
+                return self._set_aside(change, rules, budget, names)
+
+            def gives_way(clashes: Sequence[Any]) -> bool:
+                return names is not None and names.give_way(change, map(support_of, clashes))
+
+            return *self.inference.stage(change, rules, request.cause_ms, budget, gives_way), 0
+
+    def _set_aside(
+        self,
+        change: Overlay,
+        rules: Sequence[Rule] | None,
+        budget: Any,
+        names: NamePrecedence | None,
+    ) -> tuple[Derived, Staged, int]:
+        """Derive what follows, and move what contradicts the rest to quarantine."""
+        assert self.inference is not None
+        seq, inference, graphs = self.last_seq + 1, self.inference, self.graphs
+        while names is not None:
+            derived, staged, clashes = inference.try_stage(change, rules, budget)
+            if staged is not None:
+                return derived, staged, 0
+            if not names.give_way(change, map(support_of, clashes)):
+                break
+        return set_aside(change, inference, graphs, seq, rules, budget)
 
     @staticmethod
     def _is_tried(request: Request, size: int) -> bool:
@@ -263,23 +295,26 @@ class Committer:
         rules: Sequence[Rule] | None,
         budget: Any,
         limits: ReasoningLimits,
+        names: NamePrecedence | None,
     ) -> tuple[Derived, Staged | None, int]:
         """Derive what follows from a change, or raise :class:`LongDerivationError`."""
         from reasoner import NeedsRebuildError
 
         assert self.inference is not None
-        gained, lost = self.inference.gained_and_lost(change)
         size = len(change.added) + len(change.removed)
         sets_aside = self.quarantines and not request.strict
-        try:
-            if sets_aside:
-                seq = self.last_seq + 1
-                return set_aside(change, self.inference, self.graphs, seq, rules, budget)
-            derived, staged, clashes = self.inference.try_derive(gained, lost, rules, budget)
-        except (TooMuchFollowsError, NeedsRebuildError):
-            clashes = [None]
-        if not clashes:
-            return derived, staged, 0
+        again = True
+        while again:
+            gained, lost = self.inference.gained_and_lost(change)
+            try:
+                if sets_aside:
+                    return self._set_aside(change, rules, budget, names)
+                derived, staged, clashes = self.inference.try_derive(gained, lost, rules, budget)
+            except (TooMuchFollowsError, NeedsRebuildError):
+                break
+            if not clashes:
+                return derived, staged, 0
+            again = names is not None and names.give_way(change, map(support_of, clashes))
         raise LongDerivationError(
             gained,
             lost,
@@ -288,6 +323,7 @@ class Committer:
             limits,
             None if sets_aside else request.cause_ms,
             change.holders,
+            () if names is None else names.supports,
         )
 
     def _store(
@@ -439,6 +475,12 @@ class Committer:
     def _unchanged(self, request: Request) -> Change:
         commit = Commit(self.last_seq, 0, 0, 0, dt.datetime.now(dt.UTC), None)
         return Change(commit, request.access.agent, request.note, (), (), (), ())
+
+
+def _behind(merges: Sequence[TripleKey], staged: Staged | None) -> list[Support]:
+    """Return the asserted statements from which identities follow, as far as they are found."""
+    proofs = [] if staged is None else [staged.prove(triple) for triple in merges]
+    return [leaves_of(proof) for proof in proofs if proof is not None]
 
 
 def _whole(change: Overlay, derived: Derived, notes: Overlay) -> Writes:

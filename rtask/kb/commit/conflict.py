@@ -55,12 +55,14 @@ def inconsistent(
     charged = _charged(contradictions, causes, graphs_of, owner_of)
     if charged:
         hint += f"; charged to {', '.join(charged)}, who stated the axiom"
-    return InconsistentError(
+    error = InconsistentError(
         f"contradicts the ontology: {message}{more}{hint}{because}; nothing was stored",
         charged_to=charged,
         contradictions=[_describe(contradiction, graphs_of) for contradiction in contradictions],
         causes=[describe_cause(cause, name, graphs_of) for cause in causes],
     )
+    error.clashes = tuple(contradictions)
+    return error
 
 
 def _charged(

@@ -51,6 +51,9 @@ class Staged(Protocol):
     def causes(self, budget_ms: float) -> list[Any]:
         """Return the smallest sets of statements behind the contradictions."""
 
+    def prove(self, triple: Any) -> Any:
+        """Return a proof of a triple that holds with the change, or ``None``."""
+
     def apply(self) -> None:
         """Make the derivation visible, after the store's commit."""
 
@@ -227,6 +230,7 @@ class Inference:
         rules: Sequence[Rule] | None = None,
         cause_ms: float = CAUSE_BUDGET_MS,
         budget: Any = None,
+        gives_way: Callable[[Sequence[Any]], bool] = lambda _: False,
     ) -> tuple[Derived, Staged]:
         """Return the statements that a change adds to and removes from the inferred graph.
 
@@ -238,6 +242,8 @@ class Inference:
             How long to look for the causes of a contradiction.
         budget
             Bounds of what may follow, a :class:`reasoner.ChangeBudget`.
+        gives_way
+            Whether the change was altered because of contradictions, so that it is derived again.
 
         Raises
         ------
@@ -247,6 +253,9 @@ class Inference:
             If the change contradicts stored data or the ontology; the derivation is discarded.
         """
         staged = self.derive(*self.gained_and_lost(change), rules, budget)
+        while staged.contradictions and gives_way(staged.contradictions):
+            staged.discard()
+            staged = self.derive(*self.gained_and_lost(change), rules, budget)
         if staged.contradictions:
             causes = staged.causes(budget_ms=cause_ms)
             staged.discard()

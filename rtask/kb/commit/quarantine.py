@@ -23,12 +23,15 @@ from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.quads import Derived
 from rtask.rdf.terms import RDF_TYPE, NamedNode, TripleKey, iri, literal, triple_key
 
-__all__ = ["Quarantined", "reinstate", "set_aside", "statements"]
+__all__ = [
+    "RESTS_IN", "Quarantined", "record", "records_in", "reinstate", "set_aside", "statements",
+]  # fmt: skip
 
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 _STATEMENT = iri(_RDF + "Statement")
 _PARTS = tuple(iri(_RDF + name) for name in ("subject", "predicate", "object"))
-_GRAPH = iri("http://purl.org/dc/terms/isPartOf")
+RESTS_IN = iri("http://purl.org/dc/terms/isPartOf")
+"""Leads from a record to the graph of its statement."""
 _REASON = iri("http://www.w3.org/2000/01/rdf-schema#comment")
 _COMMIT = iri("http://www.w3.org/ns/prov#wasGeneratedBy")
 _ROUNDS = 20
@@ -83,7 +86,7 @@ def set_aside(
     InconsistentError
         If none of the added statements causes the contradiction, e.g. after a deletion.
     """
-    moved = 0
+    moved, before = 0, records_in(change)
     for _ in range(_ROUNDS):
         derived, staged, clashes = inference.try_stage(change, rules, budget)
         if staged is not None:
@@ -94,9 +97,8 @@ def set_aside(
         for quad, reason in blamed.items():
             del change.added[quad]
             moved += 1
-            node = iri(f"{graphs.base}quarantine/{seq}/{moved}")
-            for record in _record(graphs, node, quad, reason, seq):
-                change.add(record)
+            for line in record(graphs, quad, reason, seq, before + moved):
+                change.add(line)
     raise inference.inconsistent(clashes)
 
 
@@ -114,14 +116,20 @@ def _blamed(change: Overlay, clashes: Sequence[Any], inference: Inference) -> di
     return blamed
 
 
-def _record(graphs: Graphs, node: NamedNode, quad: Quad, reason: str, seq: int) -> Iterator[Quad]:
-    here = graphs.quarantine
+def records_in(change: Overlay) -> int:
+    """Return how many statements a change moves to quarantine."""
+    return sum(quad.predicate == RESTS_IN for quad in change.added)
+
+
+def record(graphs: Graphs, quad: Quad, reason: str, seq: int, number: int) -> Iterator[Quad]:
+    """Yield what the quarantine holds of a statement, the n-th that a commit sets aside."""
+    here, node = graphs.quarantine, iri(f"{graphs.base}quarantine/{seq}/{number}")
     yield Quad(quad.subject, quad.predicate, quad.object, here)
     yield Quad(node, RDF_TYPE, _STATEMENT, here)
     for predicate, term in zip(_PARTS, triple_key(quad), strict=True):
         yield Quad(node, predicate, term, here)
     if isinstance(quad.graph_name, NamedNode):
-        yield Quad(node, _GRAPH, quad.graph_name, here)
+        yield Quad(node, RESTS_IN, quad.graph_name, here)
     yield Quad(node, _REASON, literal(reason), here)
     yield Quad(node, _COMMIT, iri(f"{graphs.base}activity/{seq}"), here)
 
@@ -134,9 +142,9 @@ def statements(store: GraphStore, graphs: Graphs) -> list[Quarantined]:
         facts = {
             q.predicate: q.object for q in store.quads_for_pattern(quad.subject, None, None, here)
         }
-        if all(part in facts for part in (*_PARTS, _GRAPH, _REASON, _COMMIT)):
+        if all(part in facts for part in (*_PARTS, RESTS_IN, _REASON, _COMMIT)):
             subject, predicate, value = (facts[part] for part in _PARTS)
-            statement = Quad(subject, predicate, value, facts[_GRAPH])  # type: ignore[arg-type]
+            statement = Quad(subject, predicate, value, facts[RESTS_IN])  # type: ignore[arg-type]
             reason = getattr(facts[_REASON], "value", "")
             quarantined.append(Quarantined(quad.subject, statement, reason, facts[_COMMIT]))  # type: ignore[arg-type]
     return sorted(quarantined, key=lambda entry: _number(entry.node))
@@ -170,8 +178,8 @@ def reinstate(
     }
     for statement in (quarantined[name] for name in sorted(chosen)):
         access.require_write(statement.quad.graph_name, "release")
-        for record in list(overlay.store.quads_for_pattern(statement.node, None, None, here)):
-            overlay.remove(record)
+        for line in list(overlay.store.quads_for_pattern(statement.node, None, None, here)):
+            overlay.remove(line)
         subject, predicate, value = triple_key(statement.quad)
         if (subject, predicate, value) not in staying:
             overlay.remove(Quad(subject, predicate, value, here))

@@ -12,14 +12,21 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 from rtask.errors import ClosedError, ForbiddenError, RtaskError, UsageError
 from rtask.kb.commit.budget import return_memory
 from rtask.kb.commit.commit import Change, Commit, Request
 from rtask.kb.commit.committer import Committer
-from rtask.kb.commit.trials.derivation import LongDerivationError, Trial, TrialDerivations
+from rtask.kb.commit.foreign.supports import Support, support_of
+from rtask.kb.commit.trials.derivation import (
+    ContradictedTrialError,
+    LongDerivationError,
+    Trial,
+    TrialDerivations,
+)
 from rtask.kb.durability.recovery import Checkpoints
 from rtask.kb.store.overlay import Overlay
 
@@ -180,6 +187,33 @@ class Writer:
             return commit(replace(request, is_repeatable=True), None)
         except LongDerivationError as error:
             change = error
+        try:
+            return self._commit_tried(commit, request, change)
+        except ContradictedTrialError as error:
+            clashes, causes, before = error.contradictions, error.causes, error.supports
+        supports = tuple(dict.fromkeys((*before, *map(support_of, clashes))))
+        if len(supports) == len(request.supports) or not self._gives_way(supports, request):
+            raise self._contradicted(clashes, causes, request)
+        return self.commit_repeatably(commit, replace(request, supports=supports))
+
+    def _gives_way(self, supports: Sequence[Support], request: Request) -> bool:
+        with self.exclusive():
+            return self.committer.gives_way(supports, request)
+
+    def _contradicted(
+        self, clashes: Sequence[Any], causes: Sequence[Any], request: Request
+    ) -> Exception:
+        with self.exclusive():
+            return self.committer.contradicted(clashes, causes, request)
+
+    def _commit_tried(
+        self,
+        commit: Callable[[Request, Trial | None], Commit],
+        request: Request,
+        change: LongDerivationError,
+    ) -> Commit:
+        """Make a commit with what a trial derives from it."""
+        request = replace(request, supports=change.supports)
         assert self._trials is not None
         try:
             with self._trials.tried(change) as trial:

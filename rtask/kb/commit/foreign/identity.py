@@ -22,7 +22,7 @@ from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.quads import InGraph
 from rtask.rdf.terms import Term, TripleKey
 
-__all__ = ["MAX_MERGES", "merge_refused", "merges_of_others", "require_identity"]
+__all__ = ["MAX_MERGES", "merge_refused", "merges_of_others", "new_merges"]
 
 _SAME_AS = NamedNode(ontology.PREFIXES["owl"] + "sameAs")
 MAX_MERGES = 100
@@ -49,19 +49,13 @@ def merges_of_others(
             yield triple
 
 
-def require_identity(change: Overlay, derived: InGraph, access: Access, graphs: Graphs) -> None:
-    """Raise if it follows from a caller's change that an individual of others is another one.
-
-    Raises
-    ------
-    ForbiddenError
-        Naming the statement, the two individuals and the right.
-    """
+def new_merges(
+    change: Overlay, derived: InGraph, access: Access, graphs: Graphs
+) -> list[TripleKey]:
+    """Return identities of others' individuals that follow from a change and may not."""
     if access.may_state_axioms:
-        return
-    merges = [*islice(merges_of_others(derived, access, graphs, change.store), MAX_MERGES)]
-    if merges:
-        raise merge_refused(merges, change.added, change.store, access, graphs)
+        return []
+    return [*islice(merges_of_others(derived, access, graphs, change.store), MAX_MERGES)]
 
 
 def merge_refused(

@@ -30,6 +30,7 @@ from typing import Any
 
 from rtask.errors import BusyError, RtaskError
 from rtask.kb.commit.budget import Guard, ReasoningLimits, stopping
+from rtask.kb.commit.foreign.supports import Support
 from rtask.kb.commit.inference import Inference, Staged, too_much_follows
 from rtask.kb.commit.trials.process import (
     CAN_FORK,
@@ -43,7 +44,10 @@ from rtask.kb.commit.trials.process import (
 from rtask.kb.store.overlay import Holders
 from rtask.rdf.terms import TripleKey
 
-__all__ = ["CAN_FORK", "MAX_TRIED", "LongDerivationError", "Trial", "TrialDerivations"]
+__all__ = [
+    "CAN_FORK", "MAX_TRIED", "ContradictedTrialError", "LongDerivationError", "Trial",
+    "TrialDerivations",
+]  # fmt: skip
 
 MAX_TRIED = 20_000
 """Larger changes take long to store as well, so that a trial would double their time for little."""
@@ -79,6 +83,8 @@ class LongDerivationError(Exception):
         statements are set aside, which only the commit itself can do.
     holders
         What has been looked up of the change.
+    supports
+        What statements of others have been set aside for.
     """
 
     def __init__(
@@ -90,6 +96,7 @@ class LongDerivationError(Exception):
         limits: ReasoningLimits,
         cause_ms: float | None,
         holders: Holders,
+        supports: Sequence[Support] = (),
     ) -> None:
         super().__init__("it is not known whether too much follows from the change")
         self.gained = gained
@@ -99,6 +106,27 @@ class LongDerivationError(Exception):
         self.limits = limits
         self.cause_ms = cause_ms
         self.holders = holders
+        self.supports = tuple(supports)
+
+
+class ContradictedTrialError(Exception):
+    """A trial found contradictions.
+
+    Parameters
+    ----------
+    contradictions, causes
+        :class:`reasoner.Contradiction` and :class:`reasoner.Cause`.
+    supports
+        What statements have been set aside for before.
+    """
+
+    def __init__(
+        self, contradictions: Sequence[Any], causes: Sequence[Any], supports: tuple[Support, ...]
+    ) -> None:
+        super().__init__("the change contradicts what is stored")
+        self.contradictions = contradictions
+        self.causes = causes
+        self.supports = supports
 
 
 @dataclass(frozen=True)
@@ -146,8 +174,8 @@ class TrialDerivations:
 
         Raises
         ------
-        TooMuchFollowsError, InconsistentError
-            As the commit would.
+        TooMuchFollowsError, ContradictedTrialError
+            Where the commit would be refused.
         BusyError
             It was not found out within the time, or the server stops.
         """
@@ -157,17 +185,18 @@ class TrialDerivations:
             with self._lock():
                 trial = Trial(self._inference, self._lock, change, self._stop)
             try:
-                self._raise_refusal(trial.outcome(until))
+                self._raise_refusal(trial.outcome(until), change)
                 trial.catch_up()
                 yield trial
             finally:
                 trial.end()
 
-    def _raise_refusal(self, outcome: _Outcome) -> None:
+    @staticmethod
+    def _raise_refusal(outcome: _Outcome, change: LongDerivationError) -> None:
         if outcome.error is not None:
             raise outcome.error(outcome.message, **outcome.details)
         if outcome.contradictions:
-            raise self._inference.inconsistent(outcome.contradictions, outcome.causes)
+            raise ContradictedTrialError(outcome.contradictions, outcome.causes, change.supports)
 
     @contextlib.contextmanager
     def _slot(self, until: float | None) -> Iterator[None]:

@@ -20,8 +20,8 @@ from rtask.errors import (
     UsageError,
 )
 from rtask.kb.commit import commit as commit_module
-from rtask.kb.commit import committer
 from rtask.kb.commit.access import Access
+from rtask.kb.commit.checks import requirements
 from rtask.kb.commit.commit import Change
 from rtask.kb.durability.recovery import Checkpoint, boot_id
 from rtask.kb.store.embedded import EmbeddedStore
@@ -190,10 +190,10 @@ def test_a_commit_beyond_the_limit_is_refused(
     with pytest.raises(TooLargeError, match="removes 3 statements, at most 2 are allowed; remo"):
         write(0, 1, 2, remove=True)
     write(0, remove=True)
-    monkeypatch.setattr(committer, "MAX_EMPTIED", 2)
+    monkeypatch.setattr(requirements, "MAX_EMPTIED", 2)
     with pytest.raises(TooLargeError, match="removes whole graphs of 3 statements, at most 2 are"):
         write(1, 2, 3, remove=True)
-    monkeypatch.setattr(committer, "MAX_EMPTIED", 3)
+    monkeypatch.setattr(requirements, "MAX_EMPTIED", 3)
     write(1, 2, 3, remove=True)  # nothing is left
     assert not kb.match("urn:a")
 

@@ -124,3 +124,33 @@ def test_a_bulk_load_that_does_so_is_withdrawn(tmp_path: Path) -> None:
     with rtask.open(tmp_path / "kb") as kb:
         assert not kb.query(f"{PREFIXES}ASK {{ my:q rt:serialNumber ?any }}")
         assert kb.query(f"{PREFIXES}ASK {{ my:q a cora:Robot }}")
+
+
+def test_what_a_killed_load_would_have_been_refused_for_is_set_aside_at_the_next_opening(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class KilledError(BaseException):
+        pass
+
+    def kill(*_: object) -> None:
+        raise KilledError
+
+    with rtask.open(tmp_path / "kb", base=BASE) as kb:
+        insert(kb, ITS, "nao-2")
+        home, mine = kb.graphs.agent("nao-1"), f"{BASE}robot/nao-1/"
+        has = NamedNode(RT + "serialNumber")
+        a = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
+        robots = [Quad(NamedNode(mine + name), a, NamedNode(CORA + "Robot"), home) for name in "qr"]
+        key = Quad(NamedNode(mine + "q"), has, Literal("S1"), home)
+        request = Request(kb.access("nao-1"))
+        with monkeypatch.context() as patched:
+            patched.setattr("rtask.kb.commit.bulk._require_identity", kill)
+            with pytest.raises(KilledError):
+                kb.bulk_add([*robots, key], home, request)
+    assert (tmp_path / "kb" / "loading.json").exists()
+    with rtask.open(tmp_path / "kb") as kb:
+        assert not kb.query(f"{PREFIXES}ASK {{ ?x owl:sameAs ?y FILTER(?x != ?y) }}")
+        assert kb.query(f"{PREFIXES}ASK {{ my:r a cora:Robot }}")
+        assert key in {held.quad for held in kb.quarantined()}
+        assert kb.verify() == []
+    assert not (tmp_path / "kb" / "loading.json").exists()

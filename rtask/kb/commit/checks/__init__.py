@@ -1,0 +1,1 @@
+"""Checks of a pending change that need no reasoning."""
