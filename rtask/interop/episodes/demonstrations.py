@@ -121,7 +121,7 @@ def read_demonstrations(kb: GraphCore, folder: Path, access: Access | None = Non
             )
             state(
                 iri(f"{node}/task"),
-                {RDF.type: RT.Pick, RT.taskName: shown.task, RT.through: iri(node)},
+                {RDF.type: RT.Grasp, RT.taskName: shown.task, RT.through: iri(node)},
             )
             state(
                 iri(f"{node}/outcome"),
