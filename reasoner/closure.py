@@ -92,7 +92,8 @@ class Staged:
         Parameters
         ----------
         budget_ms : float
-            Stop looking after this many milliseconds; what was found by then is returned.
+            Stop looking after this many milliseconds of processor time; what was found by then is
+            returned.
 
         Raises
         ------
@@ -342,7 +343,8 @@ class Closure(ClosureView):
         Parameters
         ----------
         budget_ms : float
-            Stop looking after this many milliseconds; what was found by then is returned.
+            Stop looking after this many milliseconds of processor time; what was found by then is
+            returned.
         """
         return self._causes(self._state.clashes.values(), self._rules, None, budget_ms)
 
@@ -450,7 +452,7 @@ class Closure(ClosureView):
         def clash(triples: Iterable[Triple]) -> list[Contradiction]:
             return Closure.build(triples, [], rules, self._config).contradictions()
 
-        deadline = time.monotonic() + budget_ms / 1000
+        deadline = time.thread_time() + budget_ms / 1000
         added = draft.asserted.added if draft is not None else frozenset[Fact]()
         search = Search(self._reading(draft), clash, frozenset(added), deadline)
         return search.run(sorted(findings, key=lambda finding: finding.identity[0]))
