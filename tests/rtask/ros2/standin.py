@@ -256,6 +256,9 @@ class Client:
     def service_is_ready(self) -> bool:
         return self.world.planning_scene is not None
 
+    def wait_for_service(self, timeout_sec: float | None = None) -> bool:
+        return self.service_is_ready()
+
     def call_async(self, request: Any) -> Future:
         future, answer = Future(), self._kind.Response()
         answer.scene = self.world.planning_scene
