@@ -338,7 +338,7 @@ def _(shell):
 def _(shell):
     token = {**os.environ, "RTASK_SERVER": shell.url}
     done = subprocess.run(
-        [*shell.options.rtask.split(), "ros2", "doctor", "--json", "--wait", "1"], env=token,
+        [*shell.options.rtask.split(), "ros2", "doctor", "--json", "--wait", "5"], env=token,
         capture_output=True, text=True, check=False, timeout=180,
     )  # fmt: skip
     assert done.stdout, done.stderr[-600:]
@@ -361,7 +361,7 @@ def _(shell):
     wrong = shell.robot.node.create_publisher(TFMessage, "/tf", policy)
     try:
         done = subprocess.run(
-            [*shell.options.rtask.split(), "ros2", "doctor", "--json", "--wait", "1"],
+            [*shell.options.rtask.split(), "ros2", "doctor", "--json", "--wait", "5"],
             capture_output=True, text=True, check=False, timeout=180,
         )  # fmt: skip
         assert (done.returncode, bool(done.stdout)) == (1, True), done.stderr[-600:]
