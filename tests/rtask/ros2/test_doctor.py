@@ -344,12 +344,13 @@ def test_the_command_ends_with_1_where_something_must_be_mended(prefix, tmp_path
         "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}",
     }.items():  # fmt: skip
         monkeypatch.setenv(name, value)
-    monkeypatch.setattr(sys, "executable", "/nowhere/python")
     domain = str(1 + os.getpid() % 100)
 
     def run(url: str) -> tuple[int, dict[str, Any]]:
         options = ("--json", "--wait", "0.1", "--server", url, "--domain", domain)
-        done = CliRunner().invoke(cli, ["ros2", "doctor", *options])
+        with monkeypatch.context() as patch:  # not for the server, which is started by it
+            patch.setattr(sys, "executable", "/nowhere/python")
+            done = CliRunner().invoke(cli, ["ros2", "doctor", *options])
         return done.exit_code, {each["name"]: each for each in json.loads(done.stdout)}
 
     with running_server(None) as server:
