@@ -163,7 +163,7 @@ class Context:
         """
         if access.agent or not fallback:
             return access
-        return Access(fallback, role)
+        return Access(fallback, role, of_owner=True)
 
     def agent_iri(self, author: Access) -> NamedNode:
         """Return the individual of an author in the graph."""

@@ -10,13 +10,12 @@ from typing import Any
 from rtask.errors import RtaskError
 from rtask.interop.ros.convert import make_message
 from rtask.interop.ros.operations import refusal
-from rtask.interop.ros.sampling import ACTION, candidates, sampling_goal, target_of
+from rtask.interop.ros.sampling import ACTION, AGAIN_S, candidates, sampling_goal, target_of
 from rtask.interop.ros.schema import REFUSED
 from rtask.ros2.seeing import SeeAction
 
 __all__ = ["SampleAction"]
 
-_AGAIN_S = 0.2
 _TYPES = {ACTION: "rtask_msgs", f"{ACTION}_mtc": "moveit_task_constructor_msgs"}
 """Package of the type SampleGraspPoses by the name of an action; the second is in few releases."""
 
@@ -83,9 +82,7 @@ class SampleAction:
         feedback = kind.Feedback()
         feedback.grasp_candidates, feedback.costs = poses, costs
         handle.publish_feedback(feedback)
-        # The stage takes the candidates from feedback alone, and a client that has not heard yet
-        # that its goal was accepted drops it. What it took is replaced by the same.
-        threading.Event().wait(_AGAIN_S)
+        threading.Event().wait(AGAIN_S)
         handle.publish_feedback(feedback)
         answer.grasp_state = f"{len(poses)} grasps of {result.objects[target].name or 'unknown'}"
         handle.succeed()

@@ -29,9 +29,9 @@ _DISTRIBUTION = {
 
 # Of a ROS that the user has; rtask/interop/ros/find.py says which packages of Debian bring ROS 1.
 _OF_ROS = {
-    "actionlib", "control_msgs", "genpy", "geometry_msgs", "moveit_msgs", "rcl_interfaces", "rclpy",
-    "rosgraph", "rosgraph_msgs", "rospy", "rtask_msgs", "sensor_msgs", "std_msgs", "tf2_msgs",
-    "tf2_ros", "visualization_msgs",
+    "actionlib", "control_msgs", "genpy", "geometry_msgs", "lifecycle_msgs", "moveit_msgs",
+    "rcl_interfaces", "rclpy", "rosgraph", "rosgraph_msgs", "rospy", "rtask_msgs",
+    "sensor_msgs", "std_msgs", "tf2_msgs", "tf2_ros", "visualization_msgs",
 }  # fmt: skip
 
 

@@ -56,7 +56,7 @@ class StatingCauses(Access):
     @classmethod
     def of(cls, author: Access) -> StatingCauses:
         """Return the extended rights of an author."""
-        return cls(author.agent, author.role, author.rights)
+        return cls(author.agent, author.role, author.rights, of_owner=author.of_owner)
 
 
 @dataclass(frozen=True)

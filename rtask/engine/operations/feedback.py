@@ -184,7 +184,7 @@ def _write(context: Context, before: Judged, after: Judged, author: Access) -> s
         recounted += _recalibrated(context, counts, after, now, graph)
         withdrawn = believe(context, triples, after.grasp, totals, who, home)
         causes.judge(after.grasp, after.attempt, now)
-    rights = _Recounting(author.agent, author.role, counts=graph)
+    rights = _Recounting(author.agent, author.role, of_owner=author.of_owner, counts=graph)
     with context.kb.transaction(access=rights, note=VERDICT) as tx:
         state_causes(causes, tx)
         for subject, predicate, value in recounted:

@@ -13,9 +13,13 @@ from typing import Any
 from rtask.errors import UsageError
 from rtask.interop.ros.convert import Make
 
-__all__ = ["ACTION", "candidates", "sampling_goal", "target_of"]
+__all__ = ["ACTION", "AGAIN_S", "candidates", "sampling_goal", "target_of"]
 
 ACTION = "rtask/sample_grasp_poses"
+AGAIN_S = 0.2
+"""After which the candidates are sent again, before the result. The stage takes them from feedback
+alone, which a client drops before it hears that its goal was accepted and after it has the result;
+what it took is replaced by the same."""
 
 
 def sampling_goal(make: Make) -> Any:

@@ -6,6 +6,7 @@ Also the service ``rtask/segment``, and what shows rviz and MoveIt what was seen
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +22,7 @@ from rtask.interop.ros.convert import fill, make_message
 from rtask.interop.ros.looking import Look, SeeOptions, SeeRun
 from rtask.interop.ros.operations import Caller, Heard, refusal
 from rtask.interop.ros.perceived import box_of, look_of, points_of
-from rtask.interop.ros.sampling import ACTION, candidates, sampling_goal, target_of
+from rtask.interop.ros.sampling import ACTION, AGAIN_S, candidates, sampling_goal, target_of
 from rtask.interop.ros.scene.exchange import SceneExchange
 from rtask.interop.ros.scene.source import SceneSource
 from rtask.interop.ros.services import service_type
@@ -262,6 +263,8 @@ class SampleAction:
         self._see.show(look, result, target)
         feedback = make_message("rtask_msgs/SampleGraspPosesFeedback")
         feedback.grasp_candidates, feedback.costs = poses, costs
+        self.server.publish_feedback(feedback)
+        threading.Event().wait(AGAIN_S)
         self.server.publish_feedback(feedback)
         answer.grasp_state = f"{len(poses)} grasps of {result.objects[target].name or 'unknown'}"
         self.server.set_succeeded(answer)

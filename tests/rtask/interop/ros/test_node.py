@@ -230,8 +230,8 @@ def shelf_over(box, name="shelf"):
 def test_grasps_keep_clear_of_what_moveit_knows_and_touch_what_its_matrix_allows(
     robot, taught, gripper
 ):
-    asked = {"goal": {"gripper_id": gripper, "propose": True}, "since": 104.0}
-    robot("show", stamp=104.0, tf_stamp=104.0)
+    asked = {"goal": {"gripper_id": gripper, "propose": True}, "since": 401.0}
+    robot("show", stamp=401.0, tf_stamp=401.0)
     free = robot("see", **asked)["result"]["objects"]
     assert all(one["grasps"] for one in free)
     for one in free:
@@ -260,14 +260,15 @@ def test_the_task_constructor_gets_poses_with_costs_and_may_touch_that_object(
     robot, taught, gripper
 ):
     robot("parameter", name="/rtask_node/gripper_id", value=gripper)
-    robot("show", stamp=105.0, tf_stamp=105.0)
+    robot("show", stamp=402.0, tf_stamp=402.0)
     several = robot("sample", name="/rtask/sample_grasp_poses")
     assert several["state"] == ABORTED
     assert several["grasp_state"].startswith("2 objects in view (")
     assert "is called 'spoon'" in robot("sample", name="spoon")["grasp_state"]
     sampled = robot("sample", name="tea")
-    assert (sampled["state"], len(sampled["feedback"])) == (SUCCEEDED, 1), sampled
-    [told] = sampled["feedback"]
+    assert sampled["state"] == SUCCEEDED, sampled
+    told, *again = sampled["feedback"]  # the first may have come before the goal was accepted
+    assert again in ([], [told])
     assert len(told["grasp_candidates"]) == len(told["costs"]) > 0
     assert sampled["grasp_state"] == f"{len(told['costs'])} grasps of tea"
     assert told["costs"] == sorted(told["costs"])

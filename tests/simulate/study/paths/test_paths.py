@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import json
+from contextlib import suppress
+from pathlib import Path
+
 import pytest
 
+from rtask.cli import main
 from simulate.study.paths.command import summary_of
 from simulate.study.paths.trial import run_trial
 
@@ -52,3 +57,12 @@ def test_a_trial_plans_the_same_things_both_ways_and_again():
             counted = [{k: v for k, v in t[way].items() if k != "cpu_s"} for t in (thing, same)]
             assert counted[0]["checks"] == counted[1]["checks"]
             assert counted[0]["way_s"] == counted[1]["way_s"]
+
+
+@pytest.mark.deep
+def test_the_command_prints_its_figures_as_json(tmp_path: Path, capsys) -> None:
+    options = ["-n", "2", "--before", "1", "--things", "1", "--out", str(tmp_path / "out")]
+    with suppress(SystemExit):
+        main(["study", "paths", *options, "--json"])
+    printed = json.loads(capsys.readouterr().out)
+    assert set(printed["tables"]) == {"open", "boards"}
