@@ -159,7 +159,8 @@ class Context:
         """Return the identity under which something is written.
 
         A caller without a name (a server without tokens, the owner of the store) writes in the name
-        of the robot or person in the message, with no more rights than these have.
+        of the robot or person in the message, with no more rights than these have, except that it
+        may say what others did or confirmed.
         """
         if access.agent or not fallback:
             return access
