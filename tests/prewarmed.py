@@ -236,9 +236,10 @@ def _main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group
     for name in _IMPORTED:
         importlib.import_module(name)
-    import rtask
+    from tests.opened import open_by_copying, prepare_original
 
-    rtask.open(":memory:").close()  # compiles the rules and reads the ontology
+    prepare_original()  # compiles the rules and reads the ontology
+    open_by_copying()
     gc.collect()
     gc.freeze()
     order = _serve(socket.socket(fileno=int(sys.argv[1])))
