@@ -11,9 +11,9 @@ from rtask.errors import (
     AuthenticationError,
     CallFailedError,
     ForbiddenError,
-    MissingDataError,
     RtaskError,
 )
+from rtask.wire.dataset_words import in_words_of
 
 if TYPE_CHECKING:
     import httpx
@@ -39,7 +39,7 @@ def failure_of(answer: httpx.Response) -> RtaskError:
     if answer.status_code == 403:
         return ForbiddenError(words)
     if isinstance(resource, str):
-        words = MissingDataError.in_words_of(words, resource, "data=")
+        words = in_words_of(words, resource, "data=")
         return CallFailedError(
             words, http_status=answer.status_code, transient=may_pass, resource=resource
         )

@@ -14,32 +14,18 @@ from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
 from typing import Any
 
-import numpy as np
-
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.drivers.contract import (
-    JointLimits,
-    RosVersion,
-    check_arrival,
-    check_ending,
-    check_motion_start,
-    goal_id,
-    settled_joints,
-)
+from simulate.drivers.contract import JointLimits, RosVersion, goal_id, settled_joints
 from simulate.drivers.rosbridge_goals import GoalEnd, goals_of
+from simulate.drivers.trajectory_arm import SPARE_S, STOPPED_S, TrajectoryArm
 from simulate.drivers.watch import MotionWatch
-from simulate.motion.goal_course import named
 from simulate.motion.joint_messages import goal_message
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 
 __all__ = ["RosbridgeArm"]
 
-_STATE_S = 5.0
-_SPARE_S = 5.0
-_STOPPED_S = 2.0
 _OPEN_S, _CLOSE_S = 10.0, 1.0
-_NO_WAY_RAD = 1e-6
 
 log = logging.getLogger(__name__)
 
@@ -78,7 +64,7 @@ class _Link:
         return message
 
 
-class RosbridgeArm:
+class RosbridgeArm(TrajectoryArm):
     """An arm whose driver takes FollowJointTrajectory goals over rosbridge.
 
     Parameters
@@ -119,10 +105,9 @@ class RosbridgeArm:
         ros: RosVersion = 2,
         say: Callable[[str], object] = log.warning,
     ) -> None:
-        self._joints, self._action, self._topic = joints, action, topic
-        self._url, self._token = url, token
-        self._limits, self._ros, self._say = limits, ros, say
-        self._goals = goals_of(ros, action)
+        super().__init__(action, joints, ros, limits, say)
+        self._url, self._token, self._topic = url, token, topic
+        self._goals, self._goal = goals_of(ros, action), ""
         self._opened = contextlib.ExitStack()
         self._link = self._opened.enter_context(self._connected())
 
@@ -160,62 +145,16 @@ class RosbridgeArm:
     ) -> None:
         self._opened.close()
 
-    def measured(self) -> Floats:
-        """Return the joints (dof,), rad, of the arm at rest, from fresh states.
+    def _what_may_be_lost(self) -> str:
+        # The bridge has no watchdog: only a second connection can cancel what the first one began.
+        return f"the link to {self._url}"
 
-        Raises
-        ------
-        RobotError
-            The states are old, without time, incomplete, not finite, outside the limits, or the
-            arm moves.
-        RemoteUnavailableError
-            No joint state comes.
-        """
-        return self._settled(self._link, self._limits, _STATE_S)
-
-    def follow(self, way: Trajectory) -> None:
-        """Have the arm follow a trajectory, and wait until it is there; stopped on every error.
-
-        The bridge has no watchdog: an arm whose link is lost goes on to the end of the motion,
-        unless a second connection can cancel it. That is said before the motion. A trajectory that
-        leads nowhere is not sent.
-
-        Raises
-        ------
-        RobotError
-            It starts away from the measured pose, the driver ended it otherwise than by success,
-            the measured joints are not at the goal, or did not move as planned.
-        RemoteUnavailableError
-            It did not end in its time and 5 s, the link was lost, or no joint state came for 3 s.
-        """
-        start = self.measured()
-        check_motion_start(way, self._joints, start)
-        if np.abs(way.positions - way.positions[0]).max() <= _NO_WAY_RAD:
-            return
-        self._say(
-            f"if the link to {self._url} is lost, the arm may go on for up to "
-            f"{way.duration:.1f} s: keep the emergency stop at hand"
-        )
-        goal = goal_id()
-        try:
-            watch = MotionWatch(way, self._joints)
-            end = self._carried_out(goal, way, watch)
-            if end.code:
-                raise RobotError(f"{self._action} ended with {named(end.code)}: {end.words}")
-            check_ending(self._ros, end.status, self._action, end.words)
-            measured = self.measured()
-            check_arrival(way, self._joints, measured, start)
-            watch.check_followed(measured)
-        except BaseException:
-            self._stop(goal)
-            raise
-
-    def _carried_out(self, goal: str, way: Trajectory, watch: MotionWatch) -> GoalEnd:
-        """Send a goal, and return how it ended."""
+    def _carried_out(self, way: Trajectory, watch: MotionWatch) -> GoalEnd:
+        self._goal = goal_id()
         with self._subscribed(self._link):
-            for message in self._goals.begin(goal, goal_message(way, self._joints)):
+            for message in self._goals.begin(self._goal, goal_message(way, self._joints)):
                 self._link.send(**message)
-            until = time.monotonic() + way.duration + _SPARE_S
+            until = time.monotonic() + way.duration + SPARE_S
             while (now := time.monotonic()) < until:
                 watch.check_alive()
                 came = self._link.next(max(min(until, watch.deadline), now))
@@ -223,37 +162,34 @@ class RosbridgeArm:
                     continue
                 if (state := self._state_in(came)) is not None:
                     watch.take(state)
-                if (end := self._goals.end(goal, came)) is not None:
+                if (end := self._goals.end(self._goal, came)) is not None:
                     return end
         raise RemoteUnavailableError(
-            f"{self._action} did not end within {way.duration + _SPARE_S:.1f} s; cancelled"
+            f"{self._action} did not end within {way.duration + SPARE_S:.1f} s; cancelled"
         )
 
-    def _stop(self, goal: str) -> None:
-        """Cancel this program's own goal, by a second connection if the first one does not serve.
-
-        Where the arm is not seen to rest afterwards, that is said.
-        """
-        if self._is_stopped(self._link, goal):
+    def _stop(self) -> None:
+        if self._is_stopped(self._link):
             return
         with contextlib.suppress(RemoteUnavailableError), self._connected() as other:
-            if self._is_stopped(other, goal):
+            if self._is_stopped(other):
                 return
-        self._say(
-            f"nobody can tell whether the arm of {self._action} has stopped: use the emergency stop"
-        )
+        self._say_unseen()
 
-    def _is_stopped(self, link: _Link, goal: str) -> bool:
-        """Cancel a goal, and return whether the arm is seen to rest."""
+    def _is_stopped(self, link: _Link) -> bool:
+        """Cancel the goal, and return whether the arm is seen to rest."""
         try:
-            for message in self._goals.cancel(goal):
+            for message in self._goals.cancel(self._goal):
                 link.send(**message)
-            self._settled(link, None, _STOPPED_S)
+            self._settled_by(link, None, STOPPED_S)
         except (RemoteUnavailableError, RobotError):
             return False
         return True
 
-    def _settled(self, link: _Link, limits: JointLimits | None, wait_s: float) -> Floats:
+    def _settled(self, limits: JointLimits | None, wait_s: float) -> Floats:
+        return self._settled_by(self._link, limits, wait_s)
+
+    def _settled_by(self, link: _Link, limits: JointLimits | None, wait_s: float) -> Floats:
         with self._subscribed(link):
             return settled_joints(
                 lambda until: self._next_state(link, until), self._joints, limits, wait_s

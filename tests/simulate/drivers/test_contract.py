@@ -229,7 +229,7 @@ def test_an_arm_at_rest_that_arrives_has_succeeded_and_the_risk_was_said_before(
 def test_a_state_that_cannot_be_trusted_starts_nothing_and_says_why(
     bridge, monkeypatch, state, complaint
 ):
-    monkeypatch.setattr("simulate.drivers.rosbridge._STATE_S", 0.5)
+    monkeypatch.setattr("simulate.drivers.trajectory_arm._STATE_S", 0.5)
     bridge.state = state
     with arm_of(bridge) as arm, pytest.raises(RobotError, match=complaint):
         arm.follow(way())
@@ -278,7 +278,7 @@ def test_two_programs_on_one_bridge_never_share_a_goal_id(bridge):
 
 @pytest.mark.parametrize("ros", [1, 2])
 def test_a_goal_that_does_not_end_is_cancelled_by_its_own_id(bridge, monkeypatch, ros):
-    monkeypatch.setattr("simulate.drivers.rosbridge._SPARE_S", -0.2)
+    monkeypatch.setattr("simulate.drivers.rosbridge.SPARE_S", -0.2)
     bridge.end, bridge.ros = "silent", ros
     with arm_of(bridge, ros=ros) as arm:
         with pytest.raises(RemoteUnavailableError, match="did not end within"):
@@ -314,7 +314,7 @@ def test_joints_in_another_order_are_read_by_their_names_beside_other_joints(bri
 
 def test_states_that_stop_during_a_motion_end_it_and_doubt_is_said(bridge, monkeypatch):
     monkeypatch.setattr("simulate.drivers.watch._SILENT_S", 0.1)
-    monkeypatch.setattr("simulate.drivers.rosbridge._STOPPED_S", 0.1)
+    monkeypatch.setattr("simulate.drivers.rosbridge.STOPPED_S", 0.1)
     said = []
     bridge.end = "states stop"
     with (
@@ -328,7 +328,7 @@ def test_states_that_stop_during_a_motion_end_it_and_doubt_is_said(bridge, monke
 
 
 def test_the_end_of_another_programs_goal_ends_nothing(bridge, monkeypatch):
-    monkeypatch.setattr("simulate.drivers.rosbridge._SPARE_S", -0.2)
+    monkeypatch.setattr("simulate.drivers.rosbridge.SPARE_S", -0.2)
     for ros in (1, 2):
         bridge.end, bridge.ros, bridge.at = {"status": 4, "of": "theirs"}, ros, np.array(START)
         with (
