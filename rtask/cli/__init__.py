@@ -150,10 +150,10 @@ class LazyGroup(click.Group):
                 with formatter.section(title):
                     formatter.write_dl(rows)
 
-    def _has(self, name: str, targets: dict[str, str]) -> bool:
+    def _has(self, name: str, targets: Mapping[str, str]) -> bool:
         return name in targets or name in self.commands
 
-    def _summary(self, name: str, targets: dict[str, str]) -> str:
+    def _summary(self, name: str, targets: Mapping[str, str]) -> str:
         if name in targets:
             return short_help(targets[name])
         return (self.commands[name].help or "").partition("\n")[0]
