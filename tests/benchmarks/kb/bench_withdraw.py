@@ -3,8 +3,9 @@
     python bench_withdraw.py [--outcomes 50] [--objects 4] [--robots 10] [--disk] [--day]
 
 All robots report as many outcomes each of eight grasps of each object, with reasoning on; then a
-person withdraws the last one, with --day what it reported in the middle third. Every repetition has a store of its own, in memory or on disk. Prints
-CPU of the process, so that other programs on the machine do not count, and time by the clock.
+person withdraws the last one, with --day what it reported in the middle third. Every repetition has
+a store of its own, in memory or on disk. Prints CPU of the process, so that other programs on the
+machine do not count, and time by the clock.
 """
 
 from __future__ import annotations
@@ -86,10 +87,12 @@ def main() -> None:
     for _ in range(args.repeat):
         with tempfile.TemporaryDirectory() as folder:
             store = str(Path(folder) / "kb") if args.disk else ":memory:"
-            took.append(withdrawal(args.outcomes, args.objects, args.robots, store, profile, args.day))
+            sizes = args.outcomes, args.objects, args.robots
+            took.append(withdrawal(*sizes, store, profile, args.day))
     cpu, clock, removed = zip(*took, strict=True)
     print(
-        f"{'a third of ' if args.day else ''}{args.outcomes} outcomes of one of {args.robots} robots, {args.objects} objects, "
+        f"{'a third of ' if args.day else ''}{args.outcomes} outcomes of one of {args.robots} "
+        f"robots, {args.objects} objects, "
         f"{removed[0]} statements removed {'on disk' if args.disk else 'in memory'}: "
         f"CPU {min(cpu):.3f} s at best, {np.median(cpu):.3f} s in the middle of {len(cpu)}; "
         f"by the clock {min(clock):.3f} s and {np.median(clock):.3f} s"
