@@ -32,7 +32,7 @@ from rtask.engine.triples import Triples
 from rtask.errors import UnknownTermError, nearest
 from rtask.kb.store.collector import collector_paused
 from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT
-from rtask.rdf.terms import GraphName, NamedNode, Quad, Triple, literal
+from rtask.rdf.terms import GraphName, NamedNode, Quad, Subject, Triple, literal
 
 if TYPE_CHECKING:
     import datetime as dt
@@ -346,7 +346,8 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
         """Give what the contributor had described before the period the values that it had then."""
         if self._period is None:
             return
-        edit, replaced = self.edit, {}
+        edit = self.edit
+        replaced: dict[tuple[Subject, NamedNode], list[Quad]] = {}
         for quad in self._period.removed:
             if quad.graph_name == self.graph:
                 replaced.setdefault((quad.subject, quad.predicate), []).append(quad)

@@ -134,12 +134,12 @@ class BranchInference(Inference):
             self._others.catch_up()
             if self._current_fork() is not None:
                 staged = super().derive(gained, lost, None, budget)
-                return self._found(staged, staged.inferred_added, staged.inferred_removed)
+                return self._outcome(staged, staged.inferred_added, staged.inferred_removed)
             added, removed = self._difference(dict.fromkeys(gained), frozenset(lost))
             budget = _for_all(budget, len(added) + len(removed) - len(gained) - len(lost))
             staged = self._of_trunk().derive(added, removed, None, budget)
             try:
-                return self._found(staged, *self._read(staged))
+                return self._outcome(staged, *self._read(staged))
             except BaseException:
                 staged.discard()
                 raise
@@ -207,7 +207,7 @@ class BranchInference(Inference):
         finally:
             self._closure = None
 
-    def _found(
+    def _outcome(
         self, staged: Staged, added: Collection[TripleKey], removed: Collection[TripleKey]
     ) -> _BranchStaged:
         if staged.contradictions:
