@@ -1,6 +1,6 @@
 """An arm behind an action of trajectories, whichever ROS carries it.
 
-A subclass sends goals and hears how they ended.
+The contract of every driver is kept here once; a subclass sends goals and hears how they ended.
 """
 
 from __future__ import annotations
@@ -14,19 +14,29 @@ from typing import Any
 
 from rtask.errors import RemoteUnavailableError, RobotError
 from rtask.interop.ros.convert import stamp_json
-from simulate.drivers.contract import JointLimits, RosVersion, settled_joints
+from simulate.drivers.contract import (
+    JointLimits,
+    RosVersion,
+    check_ending,
+    settled_joints,
+)
+from simulate.drivers.following import FollowingArm
 from simulate.drivers.rosbridge_goals import GoalEnd
-from simulate.drivers.trajectory_arm import SPARE_S, STOPPED_S, TrajectoryArm
 from simulate.drivers.watch import MotionWatch
+from simulate.motion.goal_course import named
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 
 __all__ = ["ActionArm"]
 
+_SPARE_S = 5.0
+_STATE_S = 5.0
+_STOPPED_S = 2.0
+
 log = logging.getLogger(__name__)
 
 
-class ActionArm(TrajectoryArm):
+class ActionArm(FollowingArm):
     """Moves an arm by goals of ``control_msgs/FollowJointTrajectory``.
 
     Parameters
@@ -54,8 +64,8 @@ class ActionArm(TrajectoryArm):
         now: Callable[[], float],
         say: Callable[[str], object] = log.warning,
     ) -> None:
-        super().__init__(action, joints, ros, limits, say)
-        self._now = now
+        super().__init__(joints, "this program or the network", "the emergency stop at hand", say)
+        self._name, self._ros, self._limits, self._now = action, ros, limits, now
         self._newest: Mapping[str, Any] | None = None
         self._watch: MotionWatch | None = None
         self._came = threading.Condition()
@@ -81,8 +91,27 @@ class ActionArm(TrajectoryArm):
                     self._watch.take(state)
                 self._came.notify_all()
 
-    def _what_may_be_lost(self) -> str:
-        return "this program or the network"
+    def measured(self) -> Floats:
+        """Return the joints (dof,), rad, of the arm at rest, from fresh states.
+
+        Raises
+        ------
+        RobotError
+            The states are old, without time, incomplete, not finite, outside the limits, or the
+            arm moves.
+        RemoteUnavailableError
+            No joint state comes.
+        """
+        return self._settled(self._limits, _STATE_S)
+
+    def carry_out(self, way: Trajectory) -> Callable[[Floats], None]:
+        """Send a goal, and wait until the driver says that it succeeded."""
+        watch = MotionWatch(way, self._joints)
+        end = self._carried_out(way, watch)
+        if end.code:
+            raise RobotError(f"{self._name} ended with {named(end.code)}: {end.words}")
+        check_ending(self._ros, end.status, self._name, end.words)
+        return watch.check_followed
 
     def _carried_out(self, way: Trajectory, watch: MotionWatch) -> GoalEnd:
         """Send a goal, and return how it ended; its joint states are watched."""
@@ -97,7 +126,7 @@ class ActionArm(TrajectoryArm):
             self._watch = watch
         try:
             self.send(way, end)
-            until = time.monotonic() + way.duration + SPARE_S
+            until = time.monotonic() + way.duration + _SPARE_S
             while (now := time.monotonic()) < until:
                 watch.check_alive()
                 if ended.wait(max(min(until, watch.deadline) - now, 0.0)):
@@ -106,15 +135,19 @@ class ActionArm(TrajectoryArm):
             with self._came:
                 self._watch = None
         raise RemoteUnavailableError(
-            f"{self._action} did not end within {way.duration + SPARE_S:.1f} s; cancelled"
+            f"{self._name} did not end within {way.duration + _SPARE_S:.1f} s; cancelled"
         )
 
-    def _stop(self) -> None:
+    def stop(self) -> None:
+        """Cancel the goal, and say so where the arm is not seen to rest afterwards."""
         try:
             self.cancel()
-            self._settled(None, STOPPED_S)
+            self._settled(None, _STOPPED_S)
         except (RemoteUnavailableError, RobotError):
-            self._say_unseen()
+            self._say(
+                f"nobody can tell whether the arm of {self._name} has stopped: "
+                "use the emergency stop"
+            )
 
     def _settled(self, limits: JointLimits | None, wait_s: float) -> Floats:
         return settled_joints(self._next_state, self._joints, limits, wait_s, now=self._now)

@@ -15,16 +15,26 @@ from types import TracebackType
 from typing import Any
 
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.drivers.contract import JointLimits, RosVersion, goal_id, settled_joints
+from simulate.drivers.contract import (
+    JointLimits,
+    RosVersion,
+    check_ending,
+    goal_id,
+    settled_joints,
+)
+from simulate.drivers.following import FollowingArm
 from simulate.drivers.rosbridge_goals import GoalEnd, goals_of
-from simulate.drivers.trajectory_arm import SPARE_S, STOPPED_S, TrajectoryArm
 from simulate.drivers.watch import MotionWatch
+from simulate.motion.goal_course import named
 from simulate.motion.joint_messages import goal_message
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 
 __all__ = ["RosbridgeArm"]
 
+_STATE_S = 5.0
+_SPARE_S = 5.0
+_STOPPED_S = 2.0
 _OPEN_S, _CLOSE_S = 10.0, 1.0
 
 log = logging.getLogger(__name__)
@@ -64,7 +74,7 @@ class _Link:
         return message
 
 
-class RosbridgeArm(TrajectoryArm):
+class RosbridgeArm(FollowingArm):
     """An arm whose driver takes FollowJointTrajectory goals over rosbridge.
 
     Parameters
@@ -105,9 +115,10 @@ class RosbridgeArm(TrajectoryArm):
         ros: RosVersion = 2,
         say: Callable[[str], object] = log.warning,
     ) -> None:
-        super().__init__(action, joints, ros, limits, say)
-        self._url, self._token, self._topic = url, token, topic
-        self._goals, self._goal = goals_of(ros, action), ""
+        super().__init__(joints, f"the link to {url}", "the emergency stop at hand", say)
+        self._action, self._topic, self._url, self._token = action, topic, url, token
+        self._limits, self._ros, self._goal = limits, ros, ""
+        self._goals = goals_of(ros, action)
         self._opened = contextlib.ExitStack()
         self._link = self._opened.enter_context(self._connected())
 
@@ -145,16 +156,35 @@ class RosbridgeArm(TrajectoryArm):
     ) -> None:
         self._opened.close()
 
-    def _what_may_be_lost(self) -> str:
-        # The bridge has no watchdog: only a second connection can cancel what the first one began.
-        return f"the link to {self._url}"
+    def measured(self) -> Floats:
+        """Return the joints (dof,), rad, of the arm at rest, from fresh states.
 
-    def _carried_out(self, way: Trajectory, watch: MotionWatch) -> GoalEnd:
+        Raises
+        ------
+        RobotError
+            The states are old, without time, incomplete, not finite, outside the limits, or the
+            arm moves.
+        RemoteUnavailableError
+            No joint state comes.
+        """
+        return self._settled(self._link, self._limits, _STATE_S)
+
+    def carry_out(self, way: Trajectory) -> Callable[[Floats], None]:
+        """Send a goal, and wait until the driver says that it succeeded."""
         self._goal = goal_id()
+        watch = MotionWatch(way, self._joints)
+        end = self._carried_out(self._goal, way, watch)
+        if end.code:
+            raise RobotError(f"{self._action} ended with {named(end.code)}: {end.words}")
+        check_ending(self._ros, end.status, self._action, end.words)
+        return watch.check_followed
+
+    def _carried_out(self, goal: str, way: Trajectory, watch: MotionWatch) -> GoalEnd:
+        """Send a goal, and return how it ended."""
         with self._subscribed(self._link):
-            for message in self._goals.begin(self._goal, goal_message(way, self._joints)):
+            for message in self._goals.begin(goal, goal_message(way, self._joints)):
                 self._link.send(**message)
-            until = time.monotonic() + way.duration + SPARE_S
+            until = time.monotonic() + way.duration + _SPARE_S
             while (now := time.monotonic()) < until:
                 watch.check_alive()
                 came = self._link.next(max(min(until, watch.deadline), now))
@@ -162,34 +192,37 @@ class RosbridgeArm(TrajectoryArm):
                     continue
                 if (state := self._state_in(came)) is not None:
                     watch.take(state)
-                if (end := self._goals.end(self._goal, came)) is not None:
+                if (end := self._goals.end(goal, came)) is not None:
                     return end
         raise RemoteUnavailableError(
-            f"{self._action} did not end within {way.duration + SPARE_S:.1f} s; cancelled"
+            f"{self._action} did not end within {way.duration + _SPARE_S:.1f} s; cancelled"
         )
 
-    def _stop(self) -> None:
-        if self._is_stopped(self._link):
+    def stop(self) -> None:
+        """Cancel this program's own goal, by a second connection if the first one does not serve.
+
+        Where the arm is not seen to rest afterwards, that is said.
+        """
+        if self._is_stopped(self._link, self._goal):
             return
         with contextlib.suppress(RemoteUnavailableError), self._connected() as other:
-            if self._is_stopped(other):
+            if self._is_stopped(other, self._goal):
                 return
-        self._say_unseen()
+        self._say(
+            f"nobody can tell whether the arm of {self._action} has stopped: use the emergency stop"
+        )
 
-    def _is_stopped(self, link: _Link) -> bool:
-        """Cancel the goal, and return whether the arm is seen to rest."""
+    def _is_stopped(self, link: _Link, goal: str) -> bool:
+        """Cancel a goal, and return whether the arm is seen to rest."""
         try:
-            for message in self._goals.cancel(self._goal):
+            for message in self._goals.cancel(goal):
                 link.send(**message)
-            self._settled_by(link, None, STOPPED_S)
+            self._settled(link, None, _STOPPED_S)
         except (RemoteUnavailableError, RobotError):
             return False
         return True
 
-    def _settled(self, limits: JointLimits | None, wait_s: float) -> Floats:
-        return self._settled_by(self._link, limits, wait_s)
-
-    def _settled_by(self, link: _Link, limits: JointLimits | None, wait_s: float) -> Floats:
+    def _settled(self, link: _Link, limits: JointLimits | None, wait_s: float) -> Floats:
         with self._subscribed(link):
             return settled_joints(
                 lambda until: self._next_state(link, until), self._joints, limits, wait_s

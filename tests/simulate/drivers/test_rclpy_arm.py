@@ -140,7 +140,7 @@ def test_a_driver_whose_states_stop_is_cancelled_and_nobody_knows_where_the_arm_
     robot, monkeypatch
 ):
     monkeypatch.setattr("simulate.drivers.watch._SILENT_S", 0.2)
-    monkeypatch.setattr("simulate.drivers.action_arm.STOPPED_S", 0.2)
+    monkeypatch.setattr("simulate.drivers.action_arm._STOPPED_S", 0.2)
 
     def stop_telling(handle: GoalHandle) -> tuple[str, int]:
         robot.is_silent = True

@@ -79,7 +79,7 @@ def test_what_the_driver_says_of_a_failure_is_told(arm, address):
 
 
 def test_a_topic_without_these_joints_is_said(address, monkeypatch):
-    monkeypatch.setattr("simulate.drivers.trajectory_arm._STATE_S", 0.3)
+    monkeypatch.setattr("simulate.drivers.rosbridge._STATE_S", 0.3)
     with (
         RosbridgeArm(address, ACTION, ("elbow",), "/cell/joint_states") as other,
         pytest.raises(RemoteUnavailableError, match="no state of elbow came within"),
