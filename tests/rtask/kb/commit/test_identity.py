@@ -10,6 +10,7 @@ import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
 import rtask
+from rtask.cli.doctor import _contested
 from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Request
@@ -175,6 +176,10 @@ def test_a_bulk_load_that_does_so_is_withdrawn(tmp_path: Path) -> None:
     with rtask.open(tmp_path / "kb") as kb:
         assert not kb.query(f"{PREFIXES}ASK {{ <urn:q> rt:serialNumber ?any }}")
         assert kb.query(f"{PREFIXES}ASK {{ <urn:q> a cora:Robot }}")
+        insert(kb, CONTESTED["of robots"].replace("my:r", "my:z"), "nao-1")
+    finding = _contested(tmp_path / "kb")
+    assert (finding.state, finding.detail[:11]) == ("note", "1 contested")
+    assert "serialNumber" in finding.detail
 
 
 def test_what_a_killed_load_would_have_been_refused_for_is_set_aside_at_the_next_opening(
