@@ -171,8 +171,9 @@ class Committer:
         if names.moved:
             return names.remark()
         if len(change.added) <= MAX_LATE:
-            contested = self.catalogue.keys().contested(change.added, self.store, self.graphs)
-            claim = next(contested, None)
+            with self.late.quiet() if self.late is not None else nullcontext():
+                keys = self.catalogue.keys()
+                claim = next(keys.contested(change.added, self.store, self.graphs), None)
             if claim is not None:
                 return (
                     f"{claim}; both stand, and are not taken for one thing. An operator sees them "
