@@ -303,8 +303,10 @@ class Bulk:
         """Return the pairs that a shared value of a key may make one."""
         members, may_be_one = self._equality.members, self._ownership.may_be_one
         pairs = zip(arrays.upper(keys).tolist(), arrays.lower(keys).tolist(), strict=True)
-        permitted = [may_be_one(members(a), members(b)) for a, b in pairs]
-        return keys[np.array(permitted, bool)]
+        permitted: Keys = keys[
+            np.array([may_be_one(members(a), members(b)) for a, b in pairs], bool)
+        ]
+        return permitted
 
     def _absorb(self, pending: dict[int, list[Keys]]) -> dict[int, Column]:
         """Merge candidates into the columns; return what is new."""
