@@ -301,10 +301,10 @@ class Bulk:
 
     def _permitted(self, keys: Keys) -> Keys:
         """Return the pairs that a shared value of a key may make one."""
-        members, may_be_one = self._equality.members, self._ownership.may_be_one
+        members, may_merge = self._equality.members, self._ownership.may_merge
         pairs = zip(arrays.upper(keys).tolist(), arrays.lower(keys).tolist(), strict=True)
         permitted: Keys = keys[
-            np.array([may_be_one(members(a), members(b)) for a, b in pairs], bool)
+            np.array([may_merge(members(a), members(b)) for a, b in pairs], bool)
         ]
         return permitted
 

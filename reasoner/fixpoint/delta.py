@@ -143,8 +143,8 @@ class Derivation:
         """Return the conclusions of a rule, of a key only those that its values can tell."""
         if not heads or not self._ownership.asks(rule):
             return heads
-        members, may_be_one = self.equality.members, self._ownership.may_be_one
-        return [(s, p, o) for s, p, o in heads if may_be_one(members(s), members(o))]
+        members, may_merge = self.equality.members, self._ownership.may_merge
+        return [(s, p, o) for s, p, o in heads if may_merge(members(s), members(o))]
 
     def trigger(self, stratum: Stratum, facts: Iterable[Fact]) -> None:
         """Fire a stratum's rules on facts of lower strata that were added."""

@@ -43,6 +43,6 @@ class Ownership:
         is_blank, iri = self._terms.is_blank, self._terms.iri
         return frozenset(None if is_blank(x) else owner(iri(x)) for x in members)
 
-    def may_be_one(self, left: Iterable[int], right: Iterable[int]) -> bool:
+    def may_merge(self, left: Iterable[int], right: Iterable[int]) -> bool:
         """Tell whether two classes of equal terms have members of one owner, or of none."""
         return not self.owners(left).isdisjoint(self.owners(right))

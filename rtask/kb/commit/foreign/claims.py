@@ -78,13 +78,13 @@ class Keys:
         """Return the keys that a store holds."""
         unique = store.quads_for_pattern(None, RDF_TYPE, _UNIQUE, None)
         names = {quad.subject: None for quad in unique if isinstance(quad.subject, NamedNode)}
-        found: dict[tuple[tuple[NamedNode, ...], Term | None], None] = {}
-        found.update(dict.fromkeys(((name,), None) for name in names))
+        keys: dict[tuple[tuple[NamedNode, ...], Term | None], None] = {}
+        keys.update(dict.fromkeys(((name,), None) for name in names))
         for quad in store.quads_for_pattern(None, _HAS_KEY, None, None):
             properties = tuple(_members(store, quad.object))
             if properties:
-                found[properties, quad.subject] = None
-        return cls(found)
+                keys[properties, quad.subject] = None
+        return cls(keys)
 
     def contested(
         self, quads: Iterable[Quad], store: GraphStore, graphs: Graphs
@@ -107,15 +107,15 @@ class Keys:
 def contested_keys(store: GraphStore, graphs: Graphs, limit: int = 1_000) -> list[ContestedKey]:
     """Return all contested keys, each pair of things once."""
     keys = Keys.read(store)
-    found: dict[frozenset[Subject], ContestedKey] = {}
+    claims: dict[frozenset[Subject], ContestedKey] = {}
     for properties, _ in keys.of:
         stated = store.quads_for_pattern(None, properties[0], None, None)
         own = (quad for quad in stated if graphs.is_input(quad.graph_name))
         for claim in keys.contested(own, store, graphs):
-            found.setdefault(frozenset((claim.first, claim.second)), claim)
-            if len(found) == limit:
-                return [*found.values()]
-    return [*found.values()]
+            claims.setdefault(frozenset((claim.first, claim.second)), claim)
+            if len(claims) == limit:
+                return [*claims.values()]
+    return [*claims.values()]
 
 
 def _owner(term: Subject, owner: Minters) -> str | None:
