@@ -54,6 +54,11 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
     type=click.Path(path_type=Path, dir_okay=False),
     help="Also pack store and report into this file (.tar.xz), with small pictures.",
 )
+@click.option(
+    "--films",
+    is_flag=True,
+    help="Also film each attempt with two cameras, for data sets of LeRobot.",
+)
 @click.option("--keep", is_flag=True, help="Continue with the store of an earlier run.")
 @click.option("--gui", is_flag=True, help="Show the simulation in a window.")
 @click.option("--stay", is_flag=True, help="Keep the endpoint running afterwards, until Ctrl-C.")
@@ -96,6 +101,7 @@ def demo(
     data: Path | None,
     recorded: bool,
     record: Path | None,
+    films: bool,
     keep: bool,
     gui: bool,
     stay: bool,
@@ -148,7 +154,7 @@ def demo(
         data, seed, objects_on_table(products, objects), robots_in_all(products, kinds, robots),
         attempts, keep, gui, port,
         kinds=kinds, products=products, min_grasp=min_grasp, cautious=cautious, details=details,
-        queries=queries, small_pictures=record is not None,
+        queries=queries, small_pictures=record is not None, films=films,
     )  # fmt: skip
     result = Demo(settings, Console(results=not as_json)).run(stay)
     if record is not None:

@@ -96,6 +96,8 @@ def _sentence(event: dict[str, Any]) -> str:
     if name == "missing":
         x, y = event["last_seen"]
         return f"{event['title']} is gone; it was last seen at {x:.2f}, {y:.2f} m"
+    if name == "found":
+        return f"{event['title']} is {event['where']}"
     if name == "waiting":
         return "no answer yet; asking again"
     return ""

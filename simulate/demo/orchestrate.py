@@ -90,6 +90,8 @@ class Settings:
         Whether to print tables of what each robot did, and SPARQL queries with their answers.
     small_pictures
         Whether pictures are JPEG.
+    films
+        Whether each attempt that the graph gets is filmed by two cameras.
     """
 
     data: Path
@@ -108,6 +110,7 @@ class Settings:
     details: bool = False
     queries: bool = False
     small_pictures: bool = False
+    films: bool = False
 
     def __post_init__(self) -> None:
         if not 1 <= self.objects <= 12:
@@ -272,6 +275,7 @@ class Demo:
             gui=self.settings.gui and bool(url),
             preset=self.settings.preset,
             small_pictures=self.settings.small_pictures,
+            films=self.settings.films and bool(url),
             robot=self.settings.kind_of(index),
             products=self.settings.products,
             min_grasp=self.settings.min_grasp,
