@@ -223,10 +223,8 @@ def _prove(
         stage.pick(settings.weak)
     elif weak is None and sys.stdin.isatty():
         ends = click.Choice(["left", "right"])
-        settings = replace(
-            settings,
-            weak=click.prompt("Which end of the carton is to be weak", type=ends, err=True),
-        )
+        picked = click.prompt("Which end of the carton is to be weak", type=ends, err=True)
+        settings = replace(settings, weak="right" if picked == "right" else "left")
     result = Proof(settings, console).run(stay and stage is None)
     if as_json:
         click.echo(json.dumps(result))

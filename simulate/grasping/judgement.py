@@ -67,7 +67,7 @@ class Judgement:
     evidence
         The measurements in words, such as ``opening .68 -> .66``.
     is_new_there
-        Of a place: whether something lies there that did not before, be it the object or not.
+        Of a place: whether something lies there that did not before and may be the object.
     """
 
     answer: Answer = "unknown"
@@ -262,7 +262,9 @@ def judge_placed(
     evidence = f"place +{came} -{went} cells, {'held' if is_gripped else 'lost'} in transport"
     heaped = float(np.nansum((after.heights - before.heights)[1:-1, 1:-1])) * _CELL_M**2
     arrived = heaped > _HEAPED_SHARE * volume or (is_gripped and came - went >= _MIN_NEW_CELLS)
-    is_new = arrived or came - went >= _MIN_NEW_CELLS
+    # A few cells may also be a thing that the hand lost and that leans on the wall from outside.
+    least = 0.0 if is_gripped else _PUSHED_SHARE * volume
+    is_new = arrived or (came - went >= _MIN_NEW_CELLS and heaped >= least)
     pushed = went >= _MIN_NEW_CELLS and np.isfinite(volume)
     if arrived and pushed and not (is_gripped and heaped >= _PUSHED_SHARE * volume):
         return Judgement("unknown", f"{evidence}, what lay there was pushed about", is_new)
