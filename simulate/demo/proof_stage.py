@@ -27,6 +27,7 @@ _ENDS: tuple[End, ...] = ("left", "right")
 _TYPES = {".html": "text/html; charset=utf-8", ".jpg": "image/jpeg", ".png": "image/png",
           ".json": "application/json"}  # fmt: skip
 _MAX_FORM = 1000
+_MISSING = 404
 _POLICY = (
     "default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; "
     "script-src 'unsafe-inline'; connect-src 'self'; frame-src 'self'; form-action 'self'"
@@ -133,18 +134,18 @@ class _Handler(BaseHTTPRequestHandler):
         elif path.startswith("/report/"):
             content = self.stage.file(path.removeprefix("/report/"))
             if content is None:
-                self.send_error(HTTPStatus.NOT_FOUND)
+                self.send_error(_MISSING)
             else:
                 self._answer(content, _TYPES[Path(path).suffix])
         else:
-            self.send_error(HTTPStatus.NOT_FOUND)
+            self.send_error(_MISSING)
 
     def do_POST(self) -> None:
         length = int(self.headers.get("Content-Length") or 0)
         if not self._is_ours():
             return
         if self.path != "/weak" or not 0 < length <= _MAX_FORM:
-            self.send_error(HTTPStatus.NOT_FOUND)
+            self.send_error(_MISSING)
             return
         (picked,) = parse_qs(self.rfile.read(length).decode("latin-1")).get("end", [""])[:1]
         end = next((end for end in _ENDS if end == picked), None)
