@@ -102,8 +102,8 @@ def test_a_plan_that_will_be_late_is_stored_with_a_word_of_warning(engine):
     def stored(deadline):
         return engine.call("store_plan", {"goal": GOAL, "deadline": deadline}, ANN)
 
-    soon = stored(time.time() + 1.0)
-    assert soon.duration_s - 1.0 <= soon.late_s <= soon.duration_s
+    due = stored(time.time() + 1.0)
+    assert due.late_s >= due.duration_s - 1.0  # and more, by what planning takes
     assert stored(time.time() + 1e6).late_s == 0.0
 
 
