@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BoxInFrame",
+    "JointObject",
     "PerceivedObject",
     "PerceivedView",
     "PlacedCloud",
-    "SeenThing",
     "Segmentation",
     "SegmentedThing",
     "SegmentedView",
-    "ThingOfViews",
+    "ViewedCrop",
     "ViewsTogether",
 ]
 
@@ -111,7 +111,7 @@ class PlacedCloud(Message):
     """pose of the camera's optical frame in a frame with z up, one for all views"""
 
 
-class SeenThing(Answer):
+class ViewedCrop(Answer):
     """An object as one of several views shows it."""
 
     view: int
@@ -120,7 +120,7 @@ class SeenThing(Answer):
     """its crop of that view, packed as operations of the engine take it"""
 
 
-class ThingOfViews(Answer):
+class JointObject(Answer):
     """One object of several views."""
 
     points: int
@@ -135,7 +135,7 @@ class ThingOfViews(Answer):
     """whether it reaches the edge of what is seen of the table"""
     cloud: Bytes
     """its points of all views in the common frame, packed"""
-    seen: list[SeenThing]
+    seen: list[ViewedCrop]
     """its crops, for recognition: the one with most points first, the others as further looks"""
 
 
@@ -146,7 +146,7 @@ class ViewsTogether(Answer):
     """ok, empty, no_table or table_only"""
     table_height: float | None = None
     """in the common frame, m; null without a table"""
-    objects: list[ThingOfViews]
+    objects: list[JointObject]
 
 
 class Segmentation(Service):
@@ -329,21 +329,21 @@ def _box(board: Board) -> BoxInFrame:
 
 def _joined(
     views: Sequence[Frame | DecodedCloud], together: SeveralViews, place: int
-) -> ThingOfViews:
+) -> JointObject:
     from features.codec import encode_cloud
 
     each = together.objects[place]
     most = sorted(
         together.seen_by(each.label), key=lambda k: -int((together.labels[k] == each.label).sum())
     )
-    return ThingOfViews(
+    return JointObject(
         points=len(each.indices),
         centroid=each.centroid,
         box_min=each.box[0],
         box_max=each.box[1],
         touches_border=each.touches_border,
         cloud=encode_cloud(together.points[each.indices]),
-        seen=[SeenThing(view=k, cloud=_crop(views[k], together.labels[k], each.label))
+        seen=[ViewedCrop(view=k, cloud=_crop(views[k], together.labels[k], each.label))
               for k in most],
     )  # fmt: skip
 
