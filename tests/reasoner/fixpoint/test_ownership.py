@@ -38,9 +38,12 @@ def world(dice):
     """Return facts about things of two owners and of nobody that share keys, some stated equal."""
     things = [name(f"{letter}:{n}") for letter in "ab" for n in range(4)] + [name("x"), name("y")]
     facts = [(thing, TYPE, KEYED) for thing in things]
-    facts += [(thing, SERIAL, Literal(str(dice.randrange(3)))) for thing in things]
-    facts += [(thing, BADGE, name(f"badge{dice.randrange(6)}")) for thing in things]
-    stated = dice.sample([*itertools.combinations(things, 2)], dice.randrange(3))
+    for thing in things:
+        if dice.random() < 0.5:
+            facts.append((thing, SERIAL, Literal(str(dice.randrange(3)))))
+        if dice.random() < 0.3:
+            facts.append((thing, BADGE, name(f"badge{dice.randrange(3)}")))
+    stated = dice.sample([*itertools.combinations(things, 2)], dice.randrange(4))
     return facts, [(s, SAME, o) for s, o in stated]
 
 
@@ -52,6 +55,23 @@ def test_a_key_tells_among_the_names_of_one_owner_only():
     assert len(same(Closure.build(SCHEMA, facts))) == 10
     apart.stage(add=[(name("a:2"), SAME, name("x"))]).apply()
     assert len(apart.same_as(name("y"))) == 4  # two names of a, and two of nobody
+
+
+@pytest.mark.parametrize("bulk_from", [1, 2_000])
+@pytest.mark.parametrize("stated", [("a:1", "b:1"), ("a:9", "b:2")])
+def test_a_class_that_gains_an_owner_is_looked_at_again(bulk_from, stated):
+    """Whichever name represents the class, and whether or not that adds a fact about it."""
+    keyed = [(name("a:1"), "1"), (name("b:2"), "1"), (name("b:3"), "1"), (name("b:4"), "2")]
+    facts = [(thing, SERIAL, Literal(value)) for thing, value in keyed]
+    facts += [(name(text), TYPE, KEYED) for text in ("a:1", "a:9", "b:1", "b:2", "b:3", "b:4")]
+    config = Config(owner=owner, bulk_from=bulk_from)
+    identity = (name(stated[0]), SAME, name(stated[1]))
+    later = Closure.build(SCHEMA, facts, config=config)
+    assert same(later) == {("urn:b:2", "urn:b:3")}
+    later.stage(add=[identity]).apply()
+    assert len(later.same_as(name("b:2"))) == 4
+    whole = Closure.build(SCHEMA, [*facts, identity], config=config)
+    assert whole.digest() == later.digest()
 
 
 @pytest.mark.parametrize("seed", range(12))
