@@ -172,13 +172,9 @@ class Committer:
             return names.remark()
         if len(change.added) <= MAX_LATE:
             with self.late.quiet() if self.late is not None else nullcontext():
-                keys = self.catalogue.keys()
-                claim = next(keys.contested(change.added, self.store, self.graphs), None)
-            if claim is not None:
-                return (
-                    f"{claim}; both stand, and are not taken for one thing. An operator sees them "
-                    "in rtask doctor, and can withdraw one or state that they are the same"
-                )
+                contested = self.catalogue.keys().remark(change.added, self.store, self.graphs)
+            if contested is not None:
+                return contested
         return names.notice() if self.catalogue.triple_count(self.graphs.quarantine) else None
 
     def _settle(
