@@ -31,7 +31,7 @@ _MAX_LENGTH = 100
 MAX_CLAIMS = 20
 """Statements of a commit of which it is looked whether others have the same value of a key."""
 MAX_SHARERS = 20
-"""Statements of one value that are looked at: a robot could give thousands of its own things one."""
+"""Statements of one value that are looked at: a robot could give thousands of its things one."""
 
 
 @dataclass(frozen=True)
