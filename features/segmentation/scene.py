@@ -84,6 +84,7 @@ def segment_scene(
     colours: NDArray[np.uint8] | None = None,
     params: SegmentParams | None = None,
     gravity: NDArray[np.floating[Any]] | None = None,
+    body: NDArray[np.bool_] | None = None,
 ) -> Scene:
     """Find the table and the objects on it.
 
@@ -95,6 +96,9 @@ def segment_scene(
         None = those that suit the distance, see :meth:`SegmentParams.for_distance`.
     gravity : (3,) float or None
         Direction in which things fall, in the optical frame; give it where it is known.
+    body : same leading shape, bool, or None
+        Points of the robot's own body, which stand on the table but are no object. What of them
+        lies in the plane of the table is table.
 
     Raises
     ------
@@ -126,6 +130,8 @@ def segment_scene(
         objects = _objects(clean, whole.labels, None)
         return Scene("no_table", None, None, whole.labels, objects, whole.timings_ms)
     params = params or SegmentParams.for_distance(plane.offset)
+    if body is not None:
+        clean = _without_body(clean, plane, body, params.height_min_m)
     prism = table_prism(clean, plane, params.height_min_m, params.height_max_m)
     if params.overhang_m > 0:
         heights = params.height_min_m, params.height_max_m
@@ -159,6 +165,18 @@ def _without_strays(
     clean = points.copy()
     clean.reshape(-1, 3)[strays] = np.nan
     return clean
+
+
+def _without_body(
+    points: NDArray[np.floating[Any]], plane: Plane, body: NDArray[np.bool_], height_m: float
+) -> NDArray[np.floating[Any]]:
+    """Return the points, those of the robot's body that do not lie in the plane as NaN."""
+    flat = points.reshape(-1, 3)
+    own = np.flatnonzero(body)
+    heights = plane.heights(flat[own])
+    clean = flat.copy()
+    clean[own[np.abs(heights) > height_m]] = np.nan
+    return clean.reshape(points.shape)
 
 
 def _join_standing(

@@ -16,6 +16,7 @@ from rtask.interop.ros.convert import fill, make_message
 from rtask.interop.ros.looking import SeeOptions
 from rtask.interop.ros.operations import OperationHandler, best_grasp
 from rtask.interop.ros.schema import REFUSED
+from rtask.ros2.body import RobotBody
 from rtask.ros2.camera import CameraTopics
 from rtask.ros2.contract import Contract
 from rtask.ros2.qos import events, latched
@@ -308,7 +309,9 @@ class _Parts:
                 callback_group=poses,
             ),
         ]
-        eyes = Eyes(self._camera, self._transforms, self.client, options.frame)
+        body = RobotBody(node, poses)
+        self._subscriptions.append(body.subscription)
+        eyes = Eyes(self._camera, self._transforms, self.client, options.frame, body)
         self._services.append(SegmentService(node, eyes, calls, self._is_active).service)
         self._scene = self._scene_client(calls)
         self._see = SeeAction(

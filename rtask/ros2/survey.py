@@ -74,7 +74,7 @@ def _offers(node: Any, name: str, space: str) -> bool:
 
 
 def _about(node: Any, spin: Callable[[float], None], name: str, space: str) -> dict[str, Any]:
-    """Return what one of RTASK's nodes says of itself, and who publishes what it subscribes to."""
+    """Return what one of RTASK's nodes says of itself, and who publishes views for it."""
     from lifecycle_msgs.srv import GetState
     from rcl_interfaces.srv import GetParameters
 
@@ -88,7 +88,11 @@ def _about(node: Any, spin: Callable[[float], None], name: str, space: str) -> d
                      if "/rtask/" in service and "/_action/" not in service],
         "use_sim_time": values.values[0].bool_value if values is not None else None,
         "state": state.current_state.label if state is not None else None,
-        "publishers": {topic: node.count_publishers(topic) for topic, _ in heard},
+        "publishers": {
+            topic: node.count_publishers(topic)
+            for topic, kinds in heard
+            if any(kind.startswith("sensor_msgs/") for kind in kinds)
+        },
     }  # fmt: skip
 
 

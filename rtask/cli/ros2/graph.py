@@ -121,9 +121,7 @@ def _state(node: _Survey) -> Finding:
 
 def _camera(node: _Survey) -> Finding:
     """Look whether anybody publishes a view for a node: clouds, or depth."""
-    topics = node["publishers"]
-    # After remapping a topic may have any name: all that are no part of the transforms count.
-    camera = {name: count for name, count in topics.items() if not _is_of_ros(name)}
+    camera = node["publishers"]
     heard = sorted(name for name, count in camera.items() if count)
     if heard:
         return Finding("camera", "ok", f"published for {node['name']}: {', '.join(heard)}")
@@ -131,10 +129,6 @@ def _camera(node: _Survey) -> Finding:
         "camera", "note", f"nobody publishes {' or '.join(sorted(camera)) or 'a view'}",
         "start the camera, or the node with -r '~/points:=/camera/depth_registered/points'",
     )  # fmt: skip
-
-
-def _is_of_ros(topic: str) -> bool:
-    return topic in ("/tf", "/tf_static", "/clock", "/parameter_events")
 
 
 def _clock(node: _Survey, publishers: int) -> Finding:
