@@ -187,7 +187,8 @@ class Sensors:
     def _with_bins(self) -> RobotDescription:
         """Return the model of the robot with its own bins, which stand where it does."""
         robot = self._robot.description
-        root_from_world = np.linalg.inv(self._robot.world_from_base @ robot.base_from_root.matrix)
+        world_from_root = self._robot.world_from_base @ robot.base_from_root.matrix
+        root_from_world = np.asarray(np.linalg.inv(world_from_root), np.float64)
         links, joints = list(robot.links), list(robot.joints)
         for box in self._robot.world.place_boxes.values():
             name = f"{box.side}_bin"
