@@ -45,7 +45,7 @@ def pair(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     with rtask.open(":memory:", reason=False) as kb, Engine(kb) as engine:
         latest = float(np.mean(taught["returns"][-_LATEST:]))
         node = keep_learner(
-            engine.context, teacher, "policy", _OWNER, sum(taught["steps"]),
+            engine.context, teacher, "policy", _OWNER, int(sum(taught["steps"])),
             Training(_PLACE, _EPISODES, latest),
         )  # fmt: skip
         other = _learner(name, 5000 + seed)
