@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
-import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +31,7 @@ from rtask.errors import MissingBlobError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES, PROV, RT
 from rtask.rdf.terms import iri, literal
+from rtask.scratch import ScratchFolder
 from rtask.sparql.results import Row
 
 if TYPE_CHECKING:
@@ -167,8 +167,8 @@ def keep_learner(
     -------
     IRI of the snapshot.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "learner.npz"
+    with ScratchFolder("learner") as folder:
+        file = folder / "learner.npz"
         learner.save(file)
         blob = context.kb.blobs.put(file.read_bytes(), "application/x-npz")
     node = context.names.named("learner", f"{slug(agent or 'shared')}-{slug(name)}")
@@ -239,8 +239,8 @@ def _first_that_fits(
             continue
         try:
             data = context.kb.blobs.read(iri(str(row.value("blob"))))
-            with tempfile.TemporaryDirectory() as folder:
-                file = Path(folder) / "learner.npz"
+            with ScratchFolder("learner") as folder:
+                file = folder / "learner.npz"
                 file.write_bytes(data)
                 learner.load(file)
         except (MissingBlobError, ValueError) as error:
