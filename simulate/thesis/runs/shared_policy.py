@@ -34,7 +34,7 @@ def pair(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
     Returns
     -------
-    ``alone`` and ``shared``: returns and steps of the other's episodes. ``kept`` and ``gone``:
+    ``alone`` and ``shared``: returns and steps of the other's episodes. ``intact`` and ``gone``:
     whether the policy withstood the other robot, and was not found once its owner was withdrawn;
     ``strange``: whether one was found for an environment in which nobody had learned.
     """
@@ -49,14 +49,14 @@ def pair(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
             Training(_PLACE, _EPISODES, latest),
         )  # fmt: skip
         other = _learner(name, 5000 + seed)
-        found = adopt_policy(engine.context, other, _PLACE)
-        kept = found.snapshot == node and _withstands(kb, node)
+        adopted = adopt_policy(engine.context, other, _PLACE)
+        intact = adopted.snapshot == node and _withstands(kb, node)
         strange = adopt_policy(engine.context, _learner(name, seed), _ELSEWHERE).done
         request = {"contributor": _OWNER, "operator": "keeper"}
         engine.call("withdraw_contributor", request, Access("keeper", "teacher"))
         gone = not adopt_policy(engine.context, _learner(name, seed), _PLACE).done
     return {
-        "way": way, "kept": bool(kept), "gone": gone, "strange": strange,
+        "way": way, "intact": bool(intact), "gone": gone, "strange": strange,
         "alone": _live(_learner(name, 5000 + seed), 2000 + seed),
         "shared": _live(other, 2000 + seed),
     }  # fmt: skip
@@ -116,7 +116,7 @@ def policies(setting: Setting) -> Result:
         rows.append(_mean(f"{name}: steps spared by the other's policy, in pairs", spared))
     count = len(results)
     rows += [
-        share_of("policies found that withstood the other robot", _sum(results, "kept"), count),
+        share_of("policies found that withstood the other robot", _sum(results, "intact"), count),
         share_of("policies not found any more once their robot was withdrawn",
                  _sum(results, "gone"), count),
         share_of("found for an environment in which nobody learned", _sum(results, "strange"),
