@@ -13,6 +13,7 @@ import pytest
 from flask.testing import FlaskClient
 
 import ontology
+from endpoint.pages.curation import Alike
 from rtask.asking.tools.toolbox import TOOLS, Toolbox
 from rtask.engine.context import SCOPES
 from rtask.kb.commit.access import Access
@@ -164,7 +165,7 @@ def test_a_likeness_leads_to_both_objects_side_by_side_and_says_what_agrees(
     def alike(subject: str, description: str) -> Any:
         counts = dict.fromkeys(("views", "grasps", "attempts", "successes"), 1)
         row = {"object": "urn:lab/object/1", "name": "blue mug", "classes": "mug", "image": None}
-        return [{**row, **counts, "confidence": 0.62, "why": "31 places agree"}], []
+        return Alike([{**row, **counts, "confidence": 0.62, "why": "31 places agree"}])
 
     monkeypatch.setattr("endpoint.pages.teach.objects_alike", alike)
     monkeypatch.setattr("endpoint.pages.curation.objects_alike", alike)
