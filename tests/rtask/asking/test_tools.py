@@ -408,7 +408,7 @@ def test_faults_violations_and_authors_that_are_left_out_are_counted(
         tried = call(toolbox, "propose_change", add=ill, keep=False)
         assert (len(tried["violations"]), tried["violations_left_out"] > 0) == (1, True)
     for name in "abcde":
-        said = f'<urn:lab/object/7> <{ontology.NS}comment> "often said"'
+        said = f'<urn:lab/object/7> <{ontology.PREFIXES["rdfs"]}comment> "often said"'
         kb.update(f"INSERT DATA {{ {said} }}", agent=name)
     (fact,) = (
         fact
