@@ -11,7 +11,7 @@ from functools import lru_cache
 from types import MappingProxyType
 
 import ontology
-from rtask.asking.check.naming.names import words_of
+from rtask.asking.check.naming.names import PREPOSITIONS, words_of
 from rtask.asking.check.naming.usual import heads
 from rtask.asking.check.types import family
 from rtask.asking.check.vocabulary import Vocabulary, local
@@ -28,7 +28,6 @@ _ADJECTIVES = ("ed", "ing", "able", "ent", "al")
 _PARTICIPLES = {"bound", "found", "held", "lost", "known", "seen", "done", "taken", "given",
                 "built", "sent", "kept", "left", "made", "met", "put", "set", "won", "read",
                 "written", "chosen", "said"}  # fmt: skip
-_PREPOSITIONS = {"from", "with", "for", "via", "into", "onto", "near", "per"}
 _NO_NOUNS = {"", *_MOMENTS, *_PARTICIPLES}
 _LOWER = {"part", "child", "kid", "piece", "inner", "content", "sub", "narrower", "member",
           "descendant", "leaf", "step", "copy", "exemplar", "instance", "item", "load",
@@ -55,7 +54,7 @@ def head_of(name: str) -> str:
     words = [word for word in words_of(name.partition(" ")[0]) if not word.isdigit()]
     if len(words) > 1 and words[-1] in _COUNTED:
         words.pop()
-    if not words or len(words[-1]) < 3 or words[-1] in _PREPOSITIONS:
+    if not words or len(words[-1]) < 3 or words[-1] in PREPOSITIONS:
         return ""
     word = words[-1]
     return word[:-1] if len(word) > 4 and word.endswith("s") and word[-2] not in "su" else word
