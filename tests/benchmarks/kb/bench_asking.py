@@ -249,6 +249,7 @@ def report_words(shows_missed: bool) -> None:
             ("known, each left out", question_words.known(kb)),
             ("frozen before tuning", question_words.unseen(kb)),
             ("in three styles", question_words.unseen(kb, "asking_fifth.toml")),
+            ("spoken, and by visitors", question_words.unseen(kb, "asking_sixth.toml")),
         ):
             tried = list(tries)
             right = sum(one.is_filled for one in tried)
