@@ -96,8 +96,8 @@ STOP = frozenset(
         r"\w+",
         "a an the of to in on at by for with from and or be do have it its there this that any "
         "some me my i you your we our us please would could like show list tell let all each every "
-        "what which as so than then up out into about over if was will shall may might one ones they "
-        "them he she his her their not give need want find get know",
+        "what which as so than then up out into about over if was will shall may might one ones "
+        "they them he she his her their not give need want find get know",
     )
 )
 """Words that say little about which question is asked."""
