@@ -58,6 +58,7 @@ def serve(
     services: tuple[str, ...],
     check_services: bool,
     lease: float,
+    base: str | None,
     **options: Any,
 ) -> None:
     """Serve a knowledge base to programs, robots and people.
@@ -92,9 +93,11 @@ def serve(
         kb: ServedGraph
         new = stack.enter_context(NewFolder(folder)) if folder and not follow else None
         if follow:
+            if base is not None:
+                raise UsageError("--base: a follower has that of the server which it follows")
             kb = stack.enter_context(_copy_of(follow, secret, folder, flush))
         else:
-            kb = stack.enter_context(_opened(store, folder, config.plain, flush))
+            kb = stack.enter_context(_opened(store, folder, config.plain, flush, base))
         tokens = stack.enter_context(closing(TokenStore(kb.folder)))
         follower: Follower | None = None
         if follow and isinstance(kb, KnowledgeBase):
@@ -138,7 +141,9 @@ def serve(
         os._exit(0)
 
 
-def _opened(store: str, folder: Path | None, plain: bool, flush: str) -> ServedGraph:
+def _opened(
+    store: str, folder: Path | None, plain: bool, flush: str, base: str | None
+) -> ServedGraph:
     """Open what is to be served: a folder, memory, or a SPARQL server with its own folder here."""
     import rtask
     from endpoint.sparql.remote_store import RemoteStore
@@ -152,22 +157,22 @@ def _opened(store: str, folder: Path | None, plain: bool, flush: str) -> ServedG
             f"independent: rtask promote {folder}"
         )
     if not store:
-        return _open_folder(folder, plain, flush)
+        return _open_folder(folder, plain, flush, base)
     token = os.environ.get("RTASK_STORE_TOKEN")
     if not plain:
-        opened: object = rtask.open(store, token=token, folder=folder)
+        opened: object = rtask.open(store, token=token, folder=folder, base=base)
         if isinstance(opened, KnowledgeBase):
             return opened
     return RemoteStore(store, token)
 
 
-def _open_folder(folder: Path | None, plain: bool, flush: str) -> KnowledgeBase:
+def _open_folder(folder: Path | None, plain: bool, flush: str, base: str | None) -> KnowledgeBase:
     """Open a folder, or memory for ``None``; for reading only while the folder's disk is full."""
     import rtask
     from rtask.kb.durability.disk_space import full_disk, means_full
 
     try:
-        return rtask.open(folder or ":memory:", plain=plain, flush=flush)
+        return rtask.open(folder or ":memory:", base=base, plain=plain, flush=flush)
     except (RtaskError, OSError, RuntimeError) as error:
         if folder is None or not means_full(error):
             raise

@@ -76,6 +76,11 @@ _WHERE = _options(
         "--temp", is_flag=True, help="Keep everything in memory and discard it at the end."
     ),
     click.option(
+        "--base",
+        metavar="IRI",
+        help="What the IRIs of individuals begin with, in a new folder or --temp; default: random.",
+    ),
+    click.option(
         "--store",
         default="",
         metavar="URL",

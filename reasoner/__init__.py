@@ -8,6 +8,7 @@ from reasoner.decisions import Refutation, Undecided
 from reasoner.dl.profile import ProfileViolation, check_profile
 from reasoner.entail import Entailment, entails
 from reasoner.following import Follower
+from reasoner.fork import Fork
 from reasoner.proofs import Decision, Proof
 from reasoner.rules.strata import StratificationError
 from reasoner.rules.user_rules import LabelledRule, RuleError
@@ -24,6 +25,7 @@ __all__ = [
     "Decision",
     "Entailment",
     "Follower",
+    "Fork",
     "InconsistentError",
     "LabelledRule",
     "NeedsRebuildError",

@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 import sys
 import time
+import weakref
 from collections.abc import Collection, Iterable, Mapping
-from typing import TypeGuard
+from typing import Protocol, TypeGuard
 
 from pyoxigraph import Literal, NamedNode
 from pyoxigraph import Triple as TripleTerm
@@ -42,6 +43,13 @@ Rules = tuple[str | LabelledRule, ...]
 SomeFacts = set[Fact] | Mapping[int, Keys]
 Exported = tuple[set[Fact], set[Fact]] | FactChange
 """What enters and what leaves the graph of inferred triples."""
+
+
+class Shares(Protocol):
+    """What shares the facts of a closure, and is told before they change."""
+
+    def before(self, draft: Draft, has_other_rules: bool) -> None:
+        """Stay as it is while the closure is about to take a change."""
 
 
 class Staged:
@@ -146,6 +154,15 @@ class Staged:
             raise RuntimeError("this change was already applied or discarded")
         return self._closure._difference_made(self._draft, self._exported)
 
+    def is_current(self, closure: Closure) -> bool:
+        """Whether a closure is the one that the change was staged on, and has not changed since."""
+        return closure is self._closure and closure._version == self._version
+
+    def taken(self) -> Draft | None:
+        """Return the successor of the state for somebody else to keep; its terms stay known."""
+        draft, self._draft = self._draft, None
+        return draft
+
     def discard(self) -> None:
         """Discard the change, and forget the terms that it brought if nobody met others since."""
         terms = self._closure._terms
@@ -183,6 +200,7 @@ class Closure(ClosureView):
         self._reifiers: set[Term] = set()
         self._skipped = 0
         self._handovers: list[Handover] = []
+        self._sharing: weakref.WeakSet[Shares] = weakref.WeakSet()
 
     @classmethod
     def build(
@@ -265,6 +283,10 @@ class Closure(ClosureView):
             staged.discard()
             raise InconsistentError(staged.contradictions)
         return staged
+
+    def follow_with(self, other: Shares) -> None:
+        """Tell somebody before each change from now on."""
+        self._sharing.add(other)
 
     def hand_over(self) -> Handover:
         """Return what a copy made now needs to hand back later; see :meth:`adopt`."""
@@ -437,6 +459,8 @@ class Closure(ClosureView):
             step = self._difference_made(draft, exported)
             for handover in self._handovers:
                 handover.record(draft, step, None if rules == self._rules else rules)
+        for other in tuple(self._sharing):
+            other.before(draft, rules != self._rules)
         self._changes += draft.size
         draft.apply_to(self._state)
         self._rules = rules

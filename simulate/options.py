@@ -10,6 +10,7 @@ import click
 
 __all__ = [
     "folder",
+    "horizon",
     "json_flag",
     "objects_of_demo",
     "objects_on_table",
@@ -36,6 +37,13 @@ preset = click.option(
     show_default=True,
     type=click.Choice(["faithful", "fast"]),
     help="Physics and camera: as close to the real robot as possible, or fast.",
+)
+horizon = click.option(
+    "--horizon",
+    default=0.5,
+    show_default=True,
+    type=click.FloatRange(0, 60),
+    help="How long the arm may go on when its link is lost, s; 0 = to the end of the motion.",
 )
 
 

@@ -26,6 +26,7 @@ from rtask.cli.options import (
 )
 from rtask.cli.things import name_or_iri
 from rtask.errors import UnknownTermError, UsageError
+from rtask.rdf.terms import moment
 
 if TYPE_CHECKING:
     from rtask.client import Client
@@ -263,15 +264,28 @@ def list_(
 @data_option
 @server_option
 @agent_option("Person who withdraws it, and whose graph the change goes to.")
+@click.option("--since", metavar="TIME", help="Only what was stored from then on, ISO 8601.")
+@click.option("--until", metavar="TIME", help="Only what was stored before, ISO 8601.")
 @json_option
-def withdraw(name: str, data: Path, server: str | None, agent: str | None, as_json: bool) -> None:
+def withdraw(
+    name: str,
+    data: Path,
+    server: str | None,
+    agent: str | None,
+    since: str | None,
+    until: str | None,
+    as_json: bool,
+) -> None:
     """Withdraw all that the robot or person NAME reported, and all that followed from it.
 
     Attempts, outcomes, verdicts and places go; counts and beliefs are restated from what the
-    others reported. Objects and grasps that others build on stay. `rtask objects undo COMMIT`
-    undoes it.
+    others reported. Objects and grasps that others build on stay. With --since and --until only
+    what was stored in that time goes, by the server's clock. `rtask objects undo COMMIT` undoes it.
     """
-    named = {} if agent is None else {"operator": agent}
+    named: dict[str, Any] = {} if agent is None else {"operator": agent}
+    for key, time in (("since", since), ("until", until)):
+        if time is not None:
+            named[key] = moment(time).timestamp()
     with connection(data, server) as client:
         contributor = name_or_iri(name, data, server)
         done = client.withdraw_contributor(contributor=contributor, **named)

@@ -1751,6 +1751,7 @@ class Calls(ABC):
         assume_reach: bool | None = None,
         pddl: bool | None = None,
         behaviour_tree: bool | None = None,
+        branch: str | None = None,
     ) -> GoalPlan:
         """Plan what robots do for a goal, or say why none can reach it.
 
@@ -1764,6 +1765,8 @@ class Calls(ABC):
             also answer domain and problem for other planners; default: False
         behaviour_tree
             also answer XML of BehaviorTree.CPP 4; default: False
+        branch
+            name of the branch of the graph to plan in; default: the graph itself
         """
         answer: GoalPlan = self._operate("plan_goal", locals())
         return answer
@@ -2342,6 +2345,8 @@ class Calls(ABC):
         *,
         contributor: str,
         operator: str | None = None,
+        since: float | None = None,
+        until: float | None = None,
     ) -> WithdrawnContributor:
         """Withdraw all that a robot or a person reported, and all that followed from it.
 
@@ -2351,6 +2356,10 @@ class Calls(ABC):
             name of the robot or person
         operator
             name of the person who withdraws it; default: the caller
+        since
+            Unix time: only what was stored from then on; default: all (s)
+        until
+            Unix time: only what was stored before; default: all (s)
         """
         answer: WithdrawnContributor = self._operate("withdraw_contributor", locals())
         return answer

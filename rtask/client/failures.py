@@ -18,7 +18,7 @@ from rtask.errors import (
 if TYPE_CHECKING:
     import httpx
 
-__all__ = ["Patience", "failure_of", "is_transient"]
+__all__ = ["Patience", "error_of", "failure_of", "is_transient"]
 
 _FIRST_S = 0.1
 _MAX_S = 2.0
@@ -33,17 +33,31 @@ def failure_of(answer: httpx.Response) -> RtaskError:
         resource = problem.get("resource")
     except (ValueError, AttributeError):
         words = answer.text[:500] or answer.reason_phrase
-    may_pass = is_transient(answer)
-    if answer.status_code == 401:
+    return error_of(answer.status_code, words, is_transient(answer), resource)
+
+
+def error_of(status: int, words: str, may_pass: bool, resource: object = None) -> RtaskError:
+    """Return the error of a failed call, the same one over HTTP, rosbridge and websocket.
+
+    Parameters
+    ----------
+    status
+        That the answer has, or would have, over HTTP.
+    words
+        Of the server.
+    may_pass
+        Whether the same call may succeed later.
+    resource
+        Name of the data resource that the call lacked, if that was it.
+    """
+    if status == 401:
         return AuthenticationError(words)
-    if answer.status_code == 403:
+    if status == 403:
         return ForbiddenError(words)
     if isinstance(resource, str):
         words = MissingDataError.in_words_of(words, resource, "data=")
-        return CallFailedError(
-            words, http_status=answer.status_code, transient=may_pass, resource=resource
-        )
-    return CallFailedError(words, http_status=answer.status_code, transient=may_pass)
+        return CallFailedError(words, http_status=status, transient=may_pass, resource=resource)
+    return CallFailedError(words, http_status=status, transient=may_pass)
 
 
 def is_transient(answer: httpx.Response) -> bool:

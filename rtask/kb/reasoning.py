@@ -46,8 +46,7 @@ class Reasoning(Writing):
     def contradictions(self) -> list[Any]:
         """Return the contradictions in the asserted graphs."""
         with self._writer.exclusive():
-            contradictions: list[Any] = self._reasoner().closure().contradictions()
-        return contradictions
+            return self._reasoner().contradictions()
 
     def causes(self, budget_ms: float = 5_000) -> list[dict[str, Any]]:
         """Return the smallest sets of asserted statements that lead to contradictions.

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from rtask.rdf.namespaces import PREFIXES, RT
+from rtask.rdf.namespaces import PREFIXES, RT, local_name
 from rtask.rdf.terms import NamedNode
 from rtask.tasks.actions import Select
 from rtask.tasks.plan import Refusal
 from rtask.tasks.planning.problem import Atom, Problem
 from rtask.tasks.planning.unsolvable import Obstacle, explain_unsolvable
-from rtask.tasks.steps import Wording, statement_of
+from rtask.tasks.steps import Wording, excluded_by, statement_of
 
 __all__ = ["refusal"]
 
@@ -66,7 +66,25 @@ def _remedy(select: Select, obstacle: Obstacle, wording: Wording) -> str:
         if (statement := statement_of(atom)) is not None and statement[1] != RT.canGrasp.value
     )
     how = f"; if so, state it: rtask update 'INSERT DATA {{ {data} }}'" if data else ""
+    over = " . ".join(
+        f"{NamedNode(subject)} a {NamedNode(kind)}"
+        for atom in obstacle.missing
+        if (excluded := excluded_by(atom)) is not None
+        for subject, kind in _stated(select, *excluded)
+    )
+    if over:
+        how += (
+            "; once that is over, withdraw it: "
+            f"rtask update 'DELETE WHERE {{ GRAPH ?g {{ {over} }} }}'"
+        )
     return f"it would be possible, were it not that {reasons}{how}"
+
+
+def _stated(select: Select, subject: str, kind: str) -> list[tuple[str, str]]:
+    """Return whose state it is: of a robot that is out of order, for what its hands are with it."""
+    node, cls = NamedNode(subject), NamedNode(kind)
+    rows = select(f"{PREFIXES}SELECT DISTINCT ?x {{ ?x rt:hasEndEffector {node} ; a {cls} }}")
+    return [(str(row.value("x")), kind) for row in rows] or [(subject, kind)]
 
 
 def _reasons(select: Select, missing: Iterable[Atom], wording: Wording) -> str:
@@ -75,6 +93,10 @@ def _reasons(select: Select, missing: Iterable[Atom], wording: Wording) -> str:
 
 def _reason(select: Select, atom: Atom, wording: Wording) -> str:
     statement = statement_of(atom)
+    excluded = excluded_by(atom)
+    if excluded is not None:
+        name, label = wording.name(excluded[0]), wording.labels.get(excluded[1])
+        return f"{name} is {label or local_name(excluded[1])}"
     if statement is None:
         return f"it does not hold that {wording.atom(atom)}"
     if statement[1] != RT.canGrasp.value:

@@ -13,13 +13,26 @@ from rtask.tasks.patterns import Pattern
 from rtask.tasks.plan import PlannedStep, Support
 from rtask.tasks.planning.problem import Atom, Problem, Step
 
-__all__ = ["Wording", "planned_steps", "statement_of"]
+__all__ = ["Wording", "excluded_by", "planned_steps", "statement_of"]
 
 
 def statement_of(atom: Atom) -> tuple[str, str, str] | None:
     """Return the statement of a fact; None if it is no single one."""
     arguments = tuple(f"a{n}" for n in range(1, len(atom)))
     return Pattern(atom[0], arguments).triple(atom[1:])
+
+
+_EXCLUDED = re.compile(r"FILTER NOT EXISTS { \?1 (?:a|<[^<>]*#type>) <([^<>]*)> }")
+
+
+def excluded_by(atom: Atom) -> tuple[str, str] | None:
+    """Return what a fact says that something is not: its IRI and the class; None if no such fact.
+
+    >>> excluded_by(("FILTER NOT EXISTS { ?1 a <urn:Shut> }", "urn:box"))
+    ('urn:box', 'urn:Shut')
+    """
+    match = _EXCLUDED.fullmatch(atom[0])
+    return (atom[1], match[1]) if match is not None else None
 
 
 @dataclass(frozen=True)
@@ -40,6 +53,10 @@ class Wording:
             subject, prop, value = statement
             label = self.labels.get(prop) or local_name(prop)
             return f"{self.name(subject)} {label} {self.name(value)}"
+        excluded = excluded_by(atom)
+        if excluded is not None:
+            label = self.labels.get(excluded[1]) or local_name(excluded[1])
+            return f"{self.name(excluded[0])} is not {label}"
         text = re.sub(r"<([^<>]*)>", lambda m: self.labels.get(m[1]) or local_name(m[1]), atom[0])
         names = {f"?{n}": self.name(value) for n, value in enumerate(atom[1:], 1)}
         text = re.sub(r"\?\d+", lambda m: names.get(m[0], m[0]), text)

@@ -8,22 +8,19 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any
-
-import numpy as np
 
 from rtask.errors import RemoteUnavailableError, RobotError
 from rtask.interop.ros.convert import stamp_json
 from simulate.drivers.contract import (
     JointLimits,
     RosVersion,
-    check_arrival,
     check_ending,
-    check_motion_start,
     settled_joints,
 )
+from simulate.drivers.following import FollowingArm
 from simulate.drivers.rosbridge_goals import GoalEnd
 from simulate.drivers.watch import MotionWatch
 from simulate.motion.goal_course import named
@@ -35,12 +32,11 @@ __all__ = ["ActionArm"]
 _SPARE_S = 5.0
 _STATE_S = 5.0
 _STOPPED_S = 2.0
-_NO_WAY_RAD = 1e-6
 
 log = logging.getLogger(__name__)
 
 
-class ActionArm(ABC):
+class ActionArm(FollowingArm):
     """Moves an arm by goals of ``control_msgs/FollowJointTrajectory``.
 
     Parameters
@@ -68,8 +64,8 @@ class ActionArm(ABC):
         now: Callable[[], float],
         say: Callable[[str], object] = log.warning,
     ) -> None:
-        self._name, self._joints, self._ros = action, joints, ros
-        self._limits, self._now, self._say = limits, now, say
+        super().__init__(joints, "this program or the network", "the emergency stop at hand", say)
+        self._name, self._ros, self._limits, self._now = action, ros, limits, now
         self._newest: Mapping[str, Any] | None = None
         self._watch: MotionWatch | None = None
         self._came = threading.Condition()
@@ -108,41 +104,14 @@ class ActionArm(ABC):
         """
         return self._settled(self._limits, _STATE_S)
 
-    def follow(self, way: Trajectory) -> None:
-        """Have the arm follow a trajectory, and wait until it is there; cancelled on every error.
-
-        The driver does not watch this program, which is said before the motion. A trajectory that
-        leads nowhere is not sent. Where an arm is not seen to rest after it was
-        cancelled, that is said.
-
-        Raises
-        ------
-        RobotError
-            It starts away from the measured pose, the driver refused it or ended it otherwise than
-            by success, the measured joints are not at the goal, or did not move as planned.
-        RemoteUnavailableError
-            It did not end in its time and 5 s, or no joint state came for 3 s.
-        """
-        start = self.measured()
-        check_motion_start(way, self._joints, start)
-        if np.abs(way.positions - way.positions[0]).max() <= _NO_WAY_RAD:
-            return
-        self._say(
-            f"if this program or the network is lost, the arm may go on for up to "
-            f"{way.duration:.1f} s: keep the emergency stop at hand"
-        )
+    def carry_out(self, way: Trajectory) -> Callable[[Floats], None]:
+        """Send a goal, and wait until the driver says that it succeeded."""
         watch = MotionWatch(way, self._joints)
-        try:
-            end = self._carried_out(way, watch)
-            if end.code:
-                raise RobotError(f"{self._name} ended with {named(end.code)}: {end.words}")
-            check_ending(self._ros, end.status, self._name, end.words)
-            measured = self.measured()
-            check_arrival(way, self._joints, measured, start)
-            watch.check_followed(measured)
-        except BaseException:
-            self._stop()
-            raise
+        end = self._carried_out(way, watch)
+        if end.code:
+            raise RobotError(f"{self._name} ended with {named(end.code)}: {end.words}")
+        check_ending(self._ros, end.status, self._name, end.words)
+        return watch.check_followed
 
     def _carried_out(self, way: Trajectory, watch: MotionWatch) -> GoalEnd:
         """Send a goal, and return how it ended; its joint states are watched."""
@@ -169,7 +138,7 @@ class ActionArm(ABC):
             f"{self._name} did not end within {way.duration + _SPARE_S:.1f} s; cancelled"
         )
 
-    def _stop(self) -> None:
+    def stop(self) -> None:
         """Cancel the goal, and say so where the arm is not seen to rest afterwards."""
         try:
             self.cancel()

@@ -19,7 +19,7 @@ from simulate.drivers.rclpy_node import ros2_node, ros_arguments
 
 if TYPE_CHECKING:
     from simulate.drivers.contract import JointLimits
-    from simulate.drivers.motions import ArmDriver
+    from simulate.drivers.following import FollowingArm
     from simulate.drivers.naoqi import NaoqiArm
     from simulate.robots.description import Arm
 
@@ -52,6 +52,7 @@ __all__ = ["reach"]
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
     help="joint_limits.yaml of the robot, as MoveIt has it: velocity, acceleration, jerk.",
 )
+@options.horizon
 @click.option("--home", "home_first", is_flag=True, help="Bring the arm home first.")
 @click.option("--back", is_flag=True, help="Return home the same way.")
 @click.option(
@@ -73,6 +74,7 @@ def reach(
     joints: str,
     ros: str,
     limits_file: Path | None,
+    horizon: float,
     home_first: bool,
     back: bool,
     grasp: bool,
@@ -83,7 +85,8 @@ def reach(
     Plans from the arm's home posture over an empty table. Refuses to move an arm that is not at
     home, unless --home finds a free path there, and an arm that moves, is outside its limits or
     whose joint states are old or incomplete. Motions keep the velocity, acceleration and jerk of
-    --limits, or the maker's where they are known, else cautious ones, which is said. The arm is
+    --limits, or the maker's where they are known, else cautious ones, which is said. They are sent
+    in pieces that end at rest, so that an arm whose link is lost stops within --horizon. The arm is
     stopped on every error and on Ctrl-C; it is said to be there only if its joints, measured anew,
     are.
     --ros2 needs rclpy and control_msgs for RTASK's own Python. Give -- before negative numbers. The
@@ -120,7 +123,7 @@ def reach(
             named = action or f"/{arm.name}_controller/follow_joint_trajectory"
             say = partial(click.echo, err=True)
             if naoqi is not None:
-                driver: ArmDriver = opened.enter_context(_naoqi(naoqi, arm, limits))
+                driver: FollowingArm = opened.enter_context(_naoqi(naoqi, arm, limits))
             elif ros2:
                 node = opened.enter_context(ros2_node("rtask_reach", ros_args))
                 driver = RclpyArm(node, named, arm.joints, joints, limits=limits, say=say)
@@ -130,7 +133,7 @@ def reach(
                     limits=limits, ros=1 if ros == "1" else 2, say=say,
                 )  # fmt: skip
                 driver = opened.enter_context(bridged)
-            slow = SlowedArm(driver, motion)
+            slow = SlowedArm(driver, motion, horizon)
             if home_first:
                 motions.bring_home(slow, cell, plan.arm, seed)
             if grasp:

@@ -22,10 +22,12 @@ from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats, RobotDescription
 
 __all__ = [
+    "ARRIVED_RAD",
     "REST_S",
     "JointLimits",
     "RosVersion",
     "check_arrival",
+    "check_at_goal",
     "check_ending",
     "check_motion_start",
     "check_positions",
@@ -52,7 +54,8 @@ _NOISE_RAD = 0.002
 REST_S = 0.1
 """Between two states by whose difference an arm rests: within a millisecond, noise hides all."""
 _LIMIT_MARGIN_RAD = 0.05
-_ARRIVED_RAD = 0.05
+ARRIVED_RAD = 0.05
+"""How far a joint may be from its goal."""
 _SAME_RAD = 0.05
 _MOVED_RAD = 0.02
 """From here on, an arm that has moved differs from one that has not, in spite of noise."""
@@ -271,7 +274,7 @@ def check_arrival(
     joints: Sequence[str],
     measured: Floats,
     start: Floats,
-    tolerance_rad: float = _ARRIVED_RAD,
+    tolerance_rad: float = ARRIVED_RAD,
 ) -> None:
     """Check that an arm, as measured after a motion, is at the end of a trajectory.
 
@@ -288,20 +291,36 @@ def check_arrival(
     RobotError
         A joint is elsewhere, whatever the controller said.
     """
-    goal = way.positions[-1]
-    off = np.abs(measured - goal)
+    check_at_goal(way, joints, measured, tolerance_rad)
+    asked = way.positions[-1] - start
+    most = int(np.abs(asked).argmax())
+    if abs(asked[most]) > _MOVED_RAD and (measured - start)[most] / asked[most] < 0.5:
+        raise RobotError(
+            f"{joints[most]} stayed where it was, "
+            f"{abs(measured - way.positions[-1])[most]:.3f} rad from its goal, although the "
+            "controller reported success"
+        )
+
+
+def check_at_goal(
+    way: Trajectory,
+    joints: Sequence[str],
+    measured: Floats,
+    tolerance_rad: float = ARRIVED_RAD,
+) -> None:
+    """Check that measured joints (dof,), rad, are near the end of a trajectory.
+
+    Raises
+    ------
+    RobotError
+        A joint is elsewhere, whatever the controller said.
+    """
+    off = np.abs(measured - way.positions[-1])
     worst = int(off.argmax())
     if not off[worst] <= tolerance_rad:
         raise RobotError(
             f"{joints[worst]} ended {off[worst]:.2f} rad from its goal, although the controller "
             "reported success; something is in the way, or it did not move"
-        )
-    asked = goal - start
-    most = int(np.abs(asked).argmax())
-    if abs(asked[most]) > _MOVED_RAD and (measured - start)[most] / asked[most] < 0.5:
-        raise RobotError(
-            f"{joints[most]} stayed where it was, {off[most]:.3f} rad from its goal, although the "
-            "controller reported success"
         )
 
 

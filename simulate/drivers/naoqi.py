@@ -20,11 +20,10 @@ from rtask.errors import RemoteUnavailableError, RobotError
 from simulate.drivers.contract import (
     REST_S,
     JointLimits,
-    check_arrival,
-    check_motion_start,
     check_positions,
     check_unmoved,
 )
+from simulate.drivers.following import FollowingArm
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 
@@ -38,13 +37,11 @@ log = logging.getLogger(__name__)
 _CALL_S, _SPARE_S, _TASK_S = 10.0, 5.0, 0.5
 _KNOT_S = 0.08
 """ALMotion computes its own commands every 20 ms, and takes longer the more points it is given."""
-_ARRIVED_RAD = 0.1
-"""Also where an arm at rest sags under its own weight."""
 _HAND_S = 0.8
 _VGA, _RGB, _FPS = 2, 11, 5
 
 
-class NaoqiArm:
+class NaoqiArm(FollowingArm):
     """One arm of a NAO with its hand.
 
     While it is open, autonomous life is off and the arm is stiff: otherwise the robot moves by
@@ -70,6 +67,9 @@ class NaoqiArm:
         NAOqi cannot be reached, or lacks a service.
     """
 
+    arrived_rad = 0.1
+    """Also where an arm at rest sags under its own weight."""
+
     def __init__(
         self,
         address: str,
@@ -80,8 +80,8 @@ class NaoqiArm:
     ) -> None:
         import qi
 
-        self._joints, self._hand, self._address = joints, hand, address
-        self._limits, self._say = limits, say
+        super().__init__(joints, f"the link to {address}", "a hand at the chest button", say)
+        self._hand, self._address, self._limits = hand, address, limits
         self._session = qi.Session()
         self._wait(self._session.connect(address, _async=True), "connecting", _CALL_S)
         self._motion = self._service("ALMotion")
@@ -163,32 +163,15 @@ class NaoqiArm:
         except RemoteUnavailableError:
             return None  # a simulated robot has none
 
-    def follow(self, way: Trajectory) -> None:
-        """Have the arm follow a trajectory, and wait for its end; stopped on every other exit.
-
-        The robot has the whole motion: if the link is lost, it goes on to the end, unless a second
-        connection can stop it. That is said before the motion.
-
-        Raises
-        ------
-        RobotError
-            It starts away from the measured pose, or the arm did not arrive.
-        RemoteUnavailableError
-            It did not end in its time and 5 s, or the robot does not answer.
-        """
-        start = self.measured()
-        check_motion_start(way, self._joints, start)
+    def carry_out(self, way: Trajectory) -> None:
+        """Have the robot interpolate a motion, and wait; killed on every exit but its end."""
         knots = _knots(way)
-        if not len(knots):
-            return
-        self._say(
-            f"if the link to {self._address} is lost, the arm may go on for up to "
-            f"{way.duration:.1f} s: keep a hand at the chest button"
-        )
         rows, times = way.positions[knots], way.times[knots].tolist()
         angles = [column.tolist() for column in rows.T]
         self._move(list(self._joints), angles, [times] * len(self._joints), way.duration)
-        check_arrival(way, self._joints, self.measured(), start, _ARRIVED_RAD)
+
+    def stop(self) -> None:
+        """End nothing more: a motion that did not end by itself was killed by its task."""
 
     def _move(
         self,
@@ -298,7 +281,17 @@ class NaoqiArm:
 
     def _angles(self, names: Sequence[str]) -> list[float]:
         use_sensors = True
-        return [float(v) for v in self._call(self._motion, "getAngles", list(names), use_sensors)]
+        told = self._call(self._motion, "getAngles", list(names), use_sensors)
+        try:
+            angles = [float(value) for value in told]
+        except (TypeError, ValueError):
+            angles = []
+        if len(angles) != len(names):
+            raise RobotError(
+                f"{self._address}, getAngles: expected {len(names)} numbers for "
+                f"{', '.join(names)}, got {told!r}; check that the joints are those of the robot"
+            )
+        return angles
 
     def _service(self, name: str) -> Any:
         return self._wait(self._session.service(name, _async=True), name, _CALL_S)

@@ -14,18 +14,15 @@ from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
 from typing import Any
 
-import numpy as np
-
 from rtask.errors import RemoteUnavailableError, RobotError
 from simulate.drivers.contract import (
     JointLimits,
     RosVersion,
-    check_arrival,
     check_ending,
-    check_motion_start,
     goal_id,
     settled_joints,
 )
+from simulate.drivers.following import FollowingArm
 from simulate.drivers.rosbridge_goals import GoalEnd, goals_of
 from simulate.drivers.watch import MotionWatch
 from simulate.motion.goal_course import named
@@ -39,7 +36,6 @@ _STATE_S = 5.0
 _SPARE_S = 5.0
 _STOPPED_S = 2.0
 _OPEN_S, _CLOSE_S = 10.0, 1.0
-_NO_WAY_RAD = 1e-6
 
 log = logging.getLogger(__name__)
 
@@ -78,7 +74,7 @@ class _Link:
         return message
 
 
-class RosbridgeArm:
+class RosbridgeArm(FollowingArm):
     """An arm whose driver takes FollowJointTrajectory goals over rosbridge.
 
     Parameters
@@ -119,9 +115,9 @@ class RosbridgeArm:
         ros: RosVersion = 2,
         say: Callable[[str], object] = log.warning,
     ) -> None:
-        self._joints, self._action, self._topic = joints, action, topic
-        self._url, self._token = url, token
-        self._limits, self._ros, self._say = limits, ros, say
+        super().__init__(joints, f"the link to {url}", "the emergency stop at hand", say)
+        self._action, self._topic, self._url, self._token = action, topic, url, token
+        self._limits, self._ros, self._goal = limits, ros, ""
         self._goals = goals_of(ros, action)
         self._opened = contextlib.ExitStack()
         self._link = self._opened.enter_context(self._connected())
@@ -173,42 +169,15 @@ class RosbridgeArm:
         """
         return self._settled(self._link, self._limits, _STATE_S)
 
-    def follow(self, way: Trajectory) -> None:
-        """Have the arm follow a trajectory, and wait until it is there; stopped on every error.
-
-        The bridge has no watchdog: an arm whose link is lost goes on to the end of the motion,
-        unless a second connection can cancel it. That is said before the motion. A trajectory that
-        leads nowhere is not sent.
-
-        Raises
-        ------
-        RobotError
-            It starts away from the measured pose, the driver ended it otherwise than by success,
-            the measured joints are not at the goal, or did not move as planned.
-        RemoteUnavailableError
-            It did not end in its time and 5 s, the link was lost, or no joint state came for 3 s.
-        """
-        start = self.measured()
-        check_motion_start(way, self._joints, start)
-        if np.abs(way.positions - way.positions[0]).max() <= _NO_WAY_RAD:
-            return
-        self._say(
-            f"if the link to {self._url} is lost, the arm may go on for up to "
-            f"{way.duration:.1f} s: keep the emergency stop at hand"
-        )
-        goal = goal_id()
-        try:
-            watch = MotionWatch(way, self._joints)
-            end = self._carried_out(goal, way, watch)
-            if end.code:
-                raise RobotError(f"{self._action} ended with {named(end.code)}: {end.words}")
-            check_ending(self._ros, end.status, self._action, end.words)
-            measured = self.measured()
-            check_arrival(way, self._joints, measured, start)
-            watch.check_followed(measured)
-        except BaseException:
-            self._stop(goal)
-            raise
+    def carry_out(self, way: Trajectory) -> Callable[[Floats], None]:
+        """Send a goal, and wait until the driver says that it succeeded."""
+        self._goal = goal_id()
+        watch = MotionWatch(way, self._joints)
+        end = self._carried_out(self._goal, way, watch)
+        if end.code:
+            raise RobotError(f"{self._action} ended with {named(end.code)}: {end.words}")
+        check_ending(self._ros, end.status, self._action, end.words)
+        return watch.check_followed
 
     def _carried_out(self, goal: str, way: Trajectory, watch: MotionWatch) -> GoalEnd:
         """Send a goal, and return how it ended."""
@@ -229,15 +198,15 @@ class RosbridgeArm:
             f"{self._action} did not end within {way.duration + _SPARE_S:.1f} s; cancelled"
         )
 
-    def _stop(self, goal: str) -> None:
+    def stop(self) -> None:
         """Cancel this program's own goal, by a second connection if the first one does not serve.
 
         Where the arm is not seen to rest afterwards, that is said.
         """
-        if self._is_stopped(self._link, goal):
+        if self._is_stopped(self._link, self._goal):
             return
         with contextlib.suppress(RemoteUnavailableError), self._connected() as other:
-            if self._is_stopped(other, goal):
+            if self._is_stopped(other, self._goal):
                 return
         self._say(
             f"nobody can tell whether the arm of {self._action} has stopped: use the emergency stop"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -162,6 +163,7 @@ def _show(
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
     help="joint_limits.yaml of the robot, as MoveIt has it: velocity, acceleration, jerk.",
 )
+@options.horizon
 @options.json_flag("result")
 def ros_reach(
     x: float,
@@ -175,6 +177,7 @@ def ros_reach(
     name: str,
     wait_s: float,
     limits_file: Path | None,
+    horizon: float,
     as_json: bool,
 ) -> None:
     """Plan to reach X Y Z (m, base frame) and move a robot's own driver in ROS 1 there.
@@ -182,7 +185,8 @@ def ros_reach(
     Plans from the arm's home posture over an empty table, and sends the trajectory to the action
     <arm>_controller/follow_joint_trajectory. Refuses to move an arm that is not at home; cancels on
     every error and on Ctrl-C. Motions keep --limits, or the maker's where they are known, else
-    cautious ones, which is said. Give -- before negative numbers. Tried on simulated arms only: on
+    cautious ones, which is said, and stop within --horizon when this program or the network is
+    lost. Give -- before negative numbers. Tried on simulated arms only: on
     a real one, keep the emergency stop at hand.
     """
     from rtask.interop.ros.find import use_ros
@@ -192,8 +196,9 @@ def ros_reach(
     from rtask.interop.ros.node import NodeOptions, RosNode
     from simulate.act.reach import plan_reach
     from simulate.drivers.contract import JointLimits
+    from simulate.drivers.slowed_arm import SlowedArm
     from simulate.grasping.executor import Workcell
-    from simulate.motion.motion_limits import MotionLimits, read_joint_limits, slowed
+    from simulate.motion.motion_limits import MotionLimits, read_joint_limits
     from simulate.motion.trajectory import join, reverse
     from simulate.ros.driver import ArmDriver
     from simulate.world.quiet import banner_on_stderr
@@ -206,10 +211,14 @@ def ros_reach(
         motion = MotionLimits.of(cell.description, joints, given)
     if motion.assumed:
         click.echo(motion.assumed, err=True)
-    way = slowed(join([plan.free, plan.approach]), motion)
+    way = join([plan.free, plan.approach])
     node = RosNode(NodeOptions(name, remaps, wait_s))
     try:
-        driver = ArmDriver(f"{plan.arm}_controller/follow_joint_trajectory", joints, wait_s, limits)
+        named = f"{plan.arm}_controller/follow_joint_trajectory"
+        say = partial(click.echo, err=True)
+        driver = SlowedArm(ArmDriver(named, joints, wait_s, limits, say), motion, horizon)
+        seconds = sum(piece.duration for piece in driver.pieces(way))
+        seconds = sum(piece.duration for piece in driver.pieces(way))
         driver.follow(way)
         if not as_json:
             click.echo(f"{plan.arm} is at ({x:g}, {y:g}, {z:g})")
@@ -218,6 +227,6 @@ def ros_reach(
             if not as_json:
                 click.echo(f"{plan.arm} is at home")
         if as_json:
-            print_json({"arm": plan.arm, "seconds": way.duration, "is_home": back})
+            print_json({"arm": plan.arm, "seconds": seconds, "is_home": back})
     finally:
         node.end()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +15,8 @@ from simulate.motion.joint_messages import goal_message
 from simulate.motion.trajectory import Trajectory
 
 __all__ = ["ArmDriver"]
+
+log = logging.getLogger(__name__)
 
 
 class ArmDriver(ActionArm):
@@ -29,6 +32,8 @@ class ArmDriver(ActionArm):
         Longest wait for the action server.
     limits
         Of the joints; states outside them start no motion.
+    say
+        Receives what people have to know before a motion; logged by default.
 
     Raises
     ------
@@ -42,13 +47,14 @@ class ArmDriver(ActionArm):
         joints: tuple[str, ...],
         wait_s: float,
         limits: JointLimits | None = None,
+        say: Callable[[str], object] = log.warning,
     ) -> None:
         import actionlib
         import rospy
 
         name = rospy.resolve_name(action)
         # Simulated time is what the states' stamps count, where the node uses it.
-        super().__init__(name, joints, 1, limits, lambda: float(rospy.Time.now().to_sec()))
+        super().__init__(name, joints, 1, limits, lambda: float(rospy.Time.now().to_sec()), say)
         kind = type(make_message("sensor_msgs/JointState"))
         rospy.Subscriber("/joint_states", kind, lambda state: self.take_state(state), queue_size=1)
         action_kind = type(make_message("control_msgs/FollowJointTrajectoryAction"))

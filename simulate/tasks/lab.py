@@ -16,7 +16,7 @@ from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.body import Deed
 from simulate.tasks.picture import draw_places
 
-__all__ = ["Lab", "LabRobot", "read_lab"]
+__all__ = ["Lab", "LabRobot", "places_of", "read_lab"]
 
 _DURATION_S = {"pick": 8.0, "put": 5.0, "give": 10.0}
 _LIFT_M = 0.1
@@ -170,6 +170,11 @@ SELECT ?robot ?hand ?name ?place WHERE {{
 }}"""
 
 
+def places_of(query: Callable[[str], Iterable[Mapping[str, Any]]]) -> dict[str, str]:
+    """Return the IRI of the place or hand of each thing, as the graph has it now."""
+    return {str(row["thing"]): str(row["place"]) for row in query(_WHERE)}
+
+
 def read_lab(
     query: Callable[[str], Iterable[Mapping[str, Any]]], rng: np.random.Generator, slip: float = 0.0
 ) -> Lab:
@@ -182,5 +187,6 @@ def read_lab(
         places = reach.setdefault(robot, set())
         if row["place"] is not None:
             places.add(str(row["place"]))
-    where = {str(row["thing"]): str(row["place"]) for row in query(_WHERE)}
-    return Lab(where, {robot: frozenset(at) for robot, at in reach.items()}, hands, rng, slip)
+    return Lab(
+        places_of(query), {robot: frozenset(at) for robot, at in reach.items()}, hands, rng, slip
+    )

@@ -24,13 +24,15 @@ def rtask(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.slow
 def test_what_was_written_is_there_after_a_restart(tmp_path: Path) -> None:
-    folder = tmp_path / "store"
-    with running_server(folder) as first:
-        text = "INSERT DATA { GRAPH <urn:g> { <urn:s> <urn:p> 1 } }"
+    folder, base = tmp_path / "store", "https://lab.example/kb/"
+    with running_server(folder, "--base", base) as first:
+        text = "INSERT DATA { GRAPH <urn:g> { <urn:s> <urn:p> 1 } . <urn:s> <urn:p> 2 }"
         assert httpx.post(f"{first.url}/update", data={"update": text}).status_code == 204
         assert first.stop(signal.SIGINT) == 0
     with running_server(folder) as second:
         query = {"query": "ASK { GRAPH <urn:g> { <urn:s> <urn:p> 1 } }"}
+        assert httpx.get(f"{second.url}/sparql", params=query).json()["boolean"] is True
+        query = {"query": f"ASK {{ GRAPH <{base}graph/shared> {{ <urn:s> <urn:p> 2 }} }}"}
         assert httpx.get(f"{second.url}/sparql", params=query).json()["boolean"] is True
 
 

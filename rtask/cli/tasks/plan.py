@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import shlex
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.connection import connection, open_to_change, open_to_read
+from rtask.cli.connection import connection, open_branch, open_to_change, open_to_read
 from rtask.cli.options import (
     agent_option,
     announce_undo,
     announce_why,
+    branch_option,
     data_option,
     json_option,
     print_json,
@@ -22,6 +24,9 @@ from rtask.errors import UsageError
 from rtask.rdf.terms import moment
 from rtask.tasks.questions.price import Prices
 from rtask.tasks.storing import Order
+
+if TYPE_CHECKING:
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["ASKING_HELP", "FAILING_HELP", "plan"]
 
@@ -33,6 +38,7 @@ FAILING_HELP = "What a step that fails costs, in the unit of --asking-price."
 @click.argument("words", nargs=-1, required=True, metavar="GOAL...")
 @data_option
 @server_option
+@branch_option
 @agent_option("In whose name --store stores the plan; default: the owner of the store.")
 @click.option(
     "--assume-reach", is_flag=True,
@@ -58,6 +64,7 @@ def plan(
     words: tuple[str, ...],
     data: Path,
     server: str | None,
+    branch: str | None,
     agent: str | None,
     assume_reach: bool,
     because: bool,
@@ -83,7 +90,9 @@ def plan(
     if len(forms) > 1:
         raise UsageError("give one of --json, --pddl and --behaviour-tree")
     form = forms[0] if forms else "words"
-    goal = {"goal": " ".join(words), "assume_reach": assume_reach}
+    goal = {"goal": " ".join(words), "assume_reach": assume_reach, "branch": branch}
+    if branch and store and server:
+        raise UsageError("--store in a branch needs a folder; a server plans in a branch alone")
     prices = _prices(asking_price, failing_price)
     if (priority or deadline or prices) and not store:
         raise UsageError("--priority, --deadline and prices are for --store")
@@ -96,7 +105,7 @@ def plan(
     _show(result, form, because, assume_reach)
     if "task" in result:
         click.echo(f"stored as {result['task']}", err=True)
-        announce_undo("undo", result["commit"])
+        announce_undo(*(("branch", "drop", branch) if branch else ("undo", result["commit"])))
     if not result["complete"]:
         raise SystemExit(1)
 
@@ -115,13 +124,21 @@ def _plan_here(
     """Return the plan of a folder as the operation answers it; with an order, store its steps."""
     from rtask.engine.operations.tasks.plan import answer_of
 
-    with open_to_change(data) if order else open_to_read(data) as kb:
+    with _opened(data, goal["branch"], order is not None) as kb:
         plan = kb.tasks.plan(goal["goal"], assume_reach=goal["assume_reach"])
         answer = answer_of(plan, pddl=form == "pddl", tree=form == "tree").as_json()
         if order and plan.steps:
             task = kb.tasks.store(plan, agent, order)
             answer |= {"task": task, "commit": str(kb.seq)}
     return answer
+
+
+def _opened(
+    data: Path, branch: str | None, is_changed: bool
+) -> AbstractContextManager[KnowledgeBase]:
+    if branch:
+        return open_branch(data, None, branch)
+    return open_to_change(data) if is_changed else open_to_read(data)
 
 
 def _plan_there(
@@ -134,7 +151,8 @@ def _plan_there(
         if order and answer["steps"]:
             due = None if order.deadline is None else order.deadline.timestamp()
             stored = client.call(
-                "store_plan", **goal, digest=answer["digest"], agent=agent,
+                "store_plan", goal=goal["goal"], assume_reach=goal["assume_reach"],
+                digest=answer["digest"], agent=agent,
                 priority=order.priority, deadline=due,
                 asking_price=order.prices and order.prices.asking,
                 failing_price=order.prices and order.prices.failing,

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from typing import Any
 
-from rtask.client.failures import Patience
+from rtask.client.failures import Patience, error_of
 from rtask.errors import (
     TRANSIENT_STATUSES,
     AuthenticationError,
@@ -120,7 +120,7 @@ def failure(words: str, status: Any, transient: Any) -> RtaskError:
     if type(status) is not int:
         return CallFailedError(words)
     may_pass = transient if isinstance(transient, bool) else status in TRANSIENT_STATUSES
-    return CallFailedError(words, http_status=status, transient=may_pass)
+    return error_of(status, words, may_pass)
 
 
 def refusal(address: str, status: int, error: Exception) -> RtaskError | OSError:

@@ -4,19 +4,24 @@ What others build on stays: objects that they have handled, grasps that they hav
 these need. Attempts, outcomes, verdicts, places and planned grasps of the contributor go, and with
 them what was computed from them: counts, maps from scores to chances, beliefs and hidden causes,
 which are restated from what the others told. What rules inferred goes with the commit.
+
+Only a period can be withdrawn, such as the day on which a robot's camera was loose: then what the
+contributor told before and after counts as what others told does. The server's clock decides what
+belongs to it, by the commits, and not the times that robots give.
 """
 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from rtask.engine.curation.edit import Edit
 from rtask.engine.curation.merging import withdraw_models
+from rtask.engine.curation.period import stored_in
 from rtask.engine.curation.splitting import forget_view
-from rtask.engine.memory.calibration import Scored, calibrate, score_of
+from rtask.engine.memory.calibration import Scored, calibrate, own_outcomes, score_of
 from rtask.engine.memory.confidence import believe, stored_confidences
 from rtask.engine.memory.statistics import state, statistics_of
 from rtask.engine.memory.verdicts import Judged, judged_attempts, label_of
@@ -27,13 +32,16 @@ from rtask.engine.triples import Triples
 from rtask.errors import UnknownTermError, nearest
 from rtask.kb.store.collector import collector_paused
 from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT
-from rtask.rdf.terms import GraphName, NamedNode, Quad, Triple, literal
+from rtask.rdf.terms import GraphName, NamedNode, Quad, Subject, Triple, literal
 
 if TYPE_CHECKING:
+    import datetime as dt
+
     from rtask.engine.context import Context
     from rtask.engine.grippers import StoredGripper
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit
+    from rtask.kb.store.overlay import NetChange
 
 __all__ = ["Withdrawal", "withdraw"]
 
@@ -66,18 +74,32 @@ class Withdrawal:
     grasps: int
 
 
-def withdraw(context: Context, name: str, author: Access) -> Withdrawal:
+def withdraw(
+    context: Context,
+    name: str,
+    author: Access,
+    since: dt.datetime | None = None,
+    until: dt.datetime | None = None,
+) -> Withdrawal:
     """Withdraw all that a robot or person told, in one commit, which can be undone.
 
     A robot stays registered, and the tokens of both stay valid.
 
+    Parameters
+    ----------
+    since, until
+        Only what was stored from the first of them on and before the second.
+
     Raises
     ------
     UnknownTermError
-        Nobody of this name has told anything.
+        Nobody of this name has told anything, or nothing then.
+    GoneError
+        The journal no longer reaches back to ``since``.
     """
     with context.writing, collector_paused():
-        contributor = _Contributor(context, name)
+        period = None if since is None and until is None else stored_in(context, since, until)
+        contributor = _Contributor(context, name, period)
         attempts = contributor.nodes("attempt")
         verdicts = contributor.verdicts()
         doubtful = contributor.grasps_of(attempts) | {judged.grasp for judged, _ in verdicts}
@@ -89,6 +111,7 @@ def withdraw(context: Context, name: str, author: Access) -> Withdrawal:
         after = _without(before, attempts, verdicts)
         edit, triples = contributor.edit, Triples()
         left = [g for g in doubtful if edit.after(None, RT.hasGrasp, g)]
+        contributor.restore_replaced()
         contributor.recount(before, after)
         contributor.restate_votes(after, verdicts)
         contributor.rebelieve(triples, doubtful, after, author)
@@ -106,23 +129,39 @@ def withdraw(context: Context, name: str, author: Access) -> Withdrawal:
 
 
 class _Contributor:
-    """The statements of one contributor, and the edit that withdraws them."""
+    """The statements of one contributor, and the edit that withdraws them.
 
-    def __init__(self, context: Context, name: str) -> None:
+    Parameters
+    ----------
+    period
+        What was stored in the period that is withdrawn; None if everything is.
+    """
+
+    def __init__(self, context: Context, name: str, period: NetChange | None) -> None:
         graphs = context.kb.graphs
         self.context, self.edit = context, Edit(context.kb)
         self._rights = context.kb.access()
         self.graph = graphs.agent(name)
         self.robot, self.person = graphs.agent_iri(name), graphs.agent_iri(name, "teacher")
+        self._period = period
         self.about: dict[NamedNode, list[Quad]] = {}
         for quad in context.kb.match(graph=self.graph):
-            if isinstance(quad.subject, NamedNode):
+            if isinstance(quad.subject, NamedNode) and self._is_meant(quad):
                 self.about.setdefault(quad.subject, []).append(quad)
         judged = context.kb.match(None, PROV.wasAttributedTo, self.person)
+        judged = [*filter(self._is_meant, judged)]
         if not self.about and not judged:
             owners = {graphs.owner(q.graph_name) for q in context.kb.match(None, RDF.type, None)}
             hint = nearest(name, sorted(owner for owner in owners if owner))
-            raise UnknownTermError(f"contributor: {name!r} has told nothing{hint}")
+            then = " then" if period else ""
+            raise UnknownTermError(f"contributor: {name!r} has told nothing{then}{hint}")
+
+    def _is_meant(self, quad: Quad) -> bool:
+        return self._period is None or quad in self._period.added
+
+    def _goes(self, quad: Quad) -> bool:
+        """Whether a statement is one of the contributor's that are withdrawn if nobody needs it."""
+        return quad.graph_name == self.graph and self._is_meant(quad)
 
     def nodes(self, kind: str) -> set[NamedNode]:
         """Return the contributor's own nodes of one kind, not those that it only wrote about.
@@ -176,6 +215,8 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
             outcome, feedback = row["outcome"], row["feedback"]
             assert isinstance(outcome, NamedNode)
             assert isinstance(feedback, NamedNode)
+            if not any(map(self._is_meant, self.context.kb.match(feedback, RDF.type))):
+                continue
             if outcome in outcomes and outcome not in mine:
                 verdicts.append((outcomes[outcome], feedback))
         return verdicts
@@ -243,7 +284,8 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
         if self._is_replaceable(node):
             return False
         return any(
-            quad.graph_name not in (self.graph, self.context.kb.graphs.causes)
+            not self._goes(quad)
+            and quad.graph_name != self.context.kb.graphs.causes
             and quad not in edit.removed
             and not self._is_ontology(quad.graph_name)
             and not self._is_belief(quad)
@@ -278,7 +320,7 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
             for object_iri in self._shown(node)
             for view in self.edit.match(object_iri, RT.hasView)
         )
-        return any(view.graph_name != self.graph for view in views)
+        return any(not self._goes(view) for view in views)
 
     def forget_rest(self, survivors: set[NamedNode]) -> None:
         """Withdraw all that does not stay."""
@@ -300,17 +342,43 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
         reified = [quad.object for quad in self.about[node] if quad.predicate == RDF.reifies]
         return any(isinstance(value, Triple) and value.subject in survivors for value in reified)
 
-    def recount(self, before: Iterable[Judged], after: Iterable[Judged]) -> None:
-        """Recount grasps of other robots where the contributor's verdicts had counted."""
+    def restore_replaced(self) -> None:
+        """Give what the contributor had described before the period the values that it had then."""
+        if self._period is None:
+            return
+        edit = self.edit
+        replaced: dict[tuple[Subject, NamedNode], list[Quad]] = {}
+        for quad in self._period.removed:
+            if quad.graph_name == self.graph:
+                replaced.setdefault((quad.subject, quad.predicate), []).append(quad)
+        for node, quads in self.about.items():
+            if self._made(node) or node.value.startswith(self._counters):
+                continue
+            values = [q for q in quads if not isinstance(q.object, NamedNode)]
+            edit.remove(values)
+            for quad in values:
+                edit.added.update(dict.fromkeys(replaced.get((node, quad.predicate), ())))
+
+    @property
+    def _counters(self) -> tuple[str, str]:
+        """Beginnings of the IRIs of what is restated and not replaced."""
+        base = self.context.kb.base
+        return f"{base}statistics/", f"{base}calibration/"
+
+    def recount(self, before: Iterable[Judged], after: Sequence[Judged]) -> None:
+        """Recount grasps where the contributor's verdicts, or attempts of the period, counted."""
         was = {judged.attempt: label_of(judged) for judged in before}
+        left = {judged.attempt for judged in after}
         changed = [judged for judged in after if was[judged.attempt] != label_of(judged)]
+        gone = [judged for judged in before if judged.attempt not in left]
         totals: dict[tuple[NamedNode, NamedNode], Counter[bool]] = {}
         for judged in after:
             label = label_of(judged)
             if label is not None:
                 totals.setdefault((judged.grasp, judged.robot), Counter())[label] += 1
         edit, context = self.edit, self.context
-        for grasp, robot, gripper_type in {(o.grasp, o.robot, o.gripper_type) for o in changed}:
+        recounted = {(o.grasp, o.robot, o.gripper_type) for o in (*changed, *gone)}
+        for grasp, robot, gripper_type in recounted:
             node, triples = statistics_of(context, grasp, robot), Triples()
             edit.remove(edit.match(node))
             counts = totals.get((grasp, robot), Counter())
@@ -319,10 +387,10 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
                     triples, node, grasp, gripper_type, robot, counts[True], counts.total(),
                 )  # fmt: skip
             edit.state(triples, context.kb.graphs.agent(tail(robot)))
-        self._recalibrate(changed)
+        self._recalibrate([*changed, *(gone if self._period else ())], left)
 
-    def _recalibrate(self, changed: Iterable[Judged]) -> None:
-        """Restate the maps of hands whose attempts are judged otherwise now."""
+    def _recalibrate(self, changed: Iterable[Judged], left: set[NamedNode]) -> None:
+        """Restate the maps of hands whose attempts are judged otherwise now, or are gone."""
         context = self.context
         by_score: dict[tuple[NamedNode, str], tuple[StoredGripper, list[tuple[Judged, float]]]] = {}
         for judged_attempt in changed:
@@ -338,12 +406,12 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
                 Scored(judged_attempt.attempt.value, kind, score, label)
                 for judged_attempt, score in judged
                 if (label := label_of(judged_attempt)) is not None
+                if judged_attempt.attempt in left
             ]
-            out = {
-                judged_attempt.attempt.value
-                for judged_attempt, _ in judged
-                if label_of(judged_attempt) is None
-            }
+            out = {judged_attempt.attempt.value for judged_attempt, _ in judged}
+            out -= {scored.attempt for scored in more}
+            if not more and all(o.attempt in out for o in own_outcomes(context, gripper.iri)):
+                continue  # the map went with the reports
             graph, triples = context.kb.graphs.agent(tail(gripper.robot)), Triples()
             for old in calibrate(context, triples, gripper, kind, more, graph, without=out):
                 subject, predicate, value = old

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+import datetime as dt
+from typing import TYPE_CHECKING, Annotated, Literal
 from urllib.parse import unquote
 
+from annotated_types import Ge, Le
+
+from rtask.engine.curation.period import LATEST_S
 from rtask.engine.curation.withdrawing import withdraw
 from rtask.engine.honesty import Honesty
 from rtask.engine.names import tail
@@ -12,7 +16,7 @@ from rtask.engine.operations.curate import author_of
 from rtask.engine.operations.operation import operation
 from rtask.rdf.terms import iri
 from rtask.wire.message import Answer, Message
-from rtask.wire.types import Text
+from rtask.wire.types import Number, Text, Unit
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -137,6 +141,10 @@ class WithdrawContributor(Message):
     """name of the robot or person"""
     operator: Text | None = None
     """name of the person who withdraws it; default: the caller"""
+    since: Annotated[Number, Unit("s"), Ge(0), Le(LATEST_S)] | None = None
+    """Unix time: only what was stored from then on; default: all"""
+    until: Annotated[Number, Unit("s"), Ge(0), Le(LATEST_S)] | None = None
+    """Unix time: only what was stored before; default: all"""
 
 
 class WithdrawnContributor(Answer):
@@ -165,9 +173,13 @@ class WithdrawnContributor(Answer):
 def withdraw_contributor(
     context: Context, request: WithdrawContributor, access: Access
 ) -> WithdrawnContributor:
-    """Withdraw a contributor in one commit; robots may not."""
+    """Withdraw a contributor, or a period of it, in one commit; robots may not."""
     author = author_of(context, request.operator, access)
-    done = withdraw(context, request.contributor, author)
+    since, until = (
+        None if time is None else dt.datetime.fromtimestamp(time, dt.UTC)
+        for time in (request.since, request.until)
+    )  # fmt: skip
+    done = withdraw(context, request.contributor, author, since, until)
     return WithdrawnContributor(
         commit=context.commit_id(done.commit),
         attempts=done.attempts,

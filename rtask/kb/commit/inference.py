@@ -343,6 +343,10 @@ class Inference:
         """Return the short names of the terms that the graph holds now."""
         return Names(self._store, self._graphs)
 
+    def contradictions(self) -> list[Any]:
+        """Return the present contradictions among the asserted statements."""
+        return list(self.closure().contradictions())
+
     def causes(self, budget_ms: float) -> list[dict[str, Any]]:
         """Return the smallest sets of asserted statements behind the present contradictions."""
         causes = self.closure().causes(budget_ms=budget_ms)

@@ -178,20 +178,15 @@ def _carry_out(engine: Engine, planner: Any, lab: Lab, event: _Event) -> tuple[E
 
 
 def _state_out_of_order(engine: Engine, lab: Lab) -> Callable[[str, Turn], None]:
-    """Return what lets a person withdraw from the graph what no longer holds, after a failure."""
+    """Return what lets a person state what is out of order or shut, after a failure."""
 
     def tell(robot: str, turn: Turn) -> None:
         if turn.result != "failed":
             return
-        graph = f"GRAPH <{_BASE}graph/shared>"
-        for broken in sorted(lab.dead & {robot}):
-            engine.kb.update(
-                f"{PREFIXES} DELETE WHERE {{ {graph} {{ <{broken}> rt:hasEndEffector ?hand }} }}"
-            )
-        for place in sorted(lab.shut):
-            engine.kb.update(
-                f"{PREFIXES} DELETE WHERE {{ {graph} {{ ?robot rt:reaches <{place}> }} }}"
-            )
+        states = [f"<{broken}> a rt:OutOfOrder" for broken in sorted(lab.dead & {robot})]
+        states += [f"<{place}> a rt:Shut" for place in sorted(lab.shut)]
+        if states:
+            engine.kb.update(f"{PREFIXES} INSERT DATA {{ {' . '.join(states)} }}")
 
     return tell
 

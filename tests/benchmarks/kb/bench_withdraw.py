@@ -1,10 +1,11 @@
 """CPU that withdrawing a contributor takes.
 
-    python bench_withdraw.py [--outcomes 50] [--objects 4] [--robots 10] [--disk]
+    python bench_withdraw.py [--outcomes 50] [--objects 4] [--robots 10] [--disk] [--day]
 
 All robots report as many outcomes each of eight grasps of each object, with reasoning on; then a
-person withdraws the last one. Every repetition has a store of its own, in memory or on disk. Prints
-CPU of the process, so that other programs on the machine do not count, and time by the clock.
+person withdraws the last one, with --day what it reported in the middle third. Every repetition has
+a store of its own, in memory or on disk. Prints CPU of the process, so that other programs on the
+machine do not count, and time by the clock.
 """
 
 from __future__ import annotations
@@ -29,7 +30,12 @@ _GRASP = {
 
 
 def withdrawal(
-    outcomes: int, objects: int, team: int, store: str, profile: cProfile.Profile | None = None
+    outcomes: int,
+    objects: int,
+    team: int,
+    store: str,
+    profile: cProfile.Profile | None = None,
+    is_day: bool = False,
 ) -> tuple[float, float, int]:
     """Return CPU and clock time of one withdrawal, s, and the statements that it removed."""
     rng = np.random.default_rng(0)
@@ -44,7 +50,10 @@ def withdrawal(
             ][0]["object"]
             for k in range(objects)
         ]
+        asked: dict[str, object] = {"contributor": robots[-1].name}
         for number in range(outcomes):
+            if is_day and number in (outcomes // 3, 2 * outcomes // 3):
+                asked["since" if number == outcomes // 3 else "until"] = time.time()
             for robot in robots:
                 x = 0.005 * int(rng.integers(-4, 4))
                 robot.call(
@@ -55,7 +64,7 @@ def withdrawal(
         start, started = time.process_time(), time.perf_counter()
         if profile is not None:
             profile.enable()
-        done = engine.call("withdraw_contributor", {"contributor": robots[-1].name}, ann).as_json()
+        done = engine.call("withdraw_contributor", asked, ann).as_json()
         if profile is not None:
             profile.disable()
         cpu, clock = time.process_time() - start, time.perf_counter() - started
@@ -70,6 +79,7 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=10)
     parser.add_argument("--repeat", type=int, default=5)
     parser.add_argument("--disk", action="store_true", help="a store on disk, not in memory")
+    parser.add_argument("--day", action="store_true", help="withdraw the middle third only")
     parser.add_argument("--profile", action="store_true", help="where the time goes")
     args = parser.parse_args()
     profile = cProfile.Profile() if args.profile else None
@@ -77,10 +87,12 @@ def main() -> None:
     for _ in range(args.repeat):
         with tempfile.TemporaryDirectory() as folder:
             store = str(Path(folder) / "kb") if args.disk else ":memory:"
-            took.append(withdrawal(args.outcomes, args.objects, args.robots, store, profile))
+            sizes = args.outcomes, args.objects, args.robots
+            took.append(withdrawal(*sizes, store, profile, args.day))
     cpu, clock, removed = zip(*took, strict=True)
     print(
-        f"{args.outcomes} outcomes of one of {args.robots} robots, {args.objects} objects, "
+        f"{'a third of ' if args.day else ''}{args.outcomes} outcomes of one of {args.robots} "
+        f"robots, {args.objects} objects, "
         f"{removed[0]} statements removed {'on disk' if args.disk else 'in memory'}: "
         f"CPU {min(cpu):.3f} s at best, {np.median(cpu):.3f} s in the middle of {len(cpu)}; "
         f"by the clock {min(clock):.3f} s and {np.median(clock):.3f} s"

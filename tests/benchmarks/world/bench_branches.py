@@ -1,6 +1,7 @@
 """Branches of a large graph: opening, writing, reading, comparing and dropping, in processor time.
 
-``python tests/benchmarks/world/bench_branches.py [STATEMENTS]``
+``python tests/benchmarks/world/bench_branches.py [STATEMENTS]``, and with ``--growth`` instead the
+time of a commit in a branch that holds more and more.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
+import ontology
 import rtask
 from rtask.knowledge_base import KnowledgeBase
 
@@ -73,6 +75,36 @@ def _measure(kb: KnowledgeBase) -> None:
         print(f"  {name:12s} median {statistics.median(values):7.2f}  largest {max(values):7.2f}")
 
 
+def _growth() -> None:
+    """Print the processor time of a commit of nine statements in a branch as it fills."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        rtask.open(Path(folder) / "kb") as kb,
+        kb.branch("grows") as branch,
+    ):
+        held = 0
+        for number, more in enumerate((0, 16, 100, 333, 833, 1666)):
+            if more:
+                branch.graph.update(_objects(f"bulk{number}", more))
+            spent = []
+            for part in range(7):
+                started = time.process_time()
+                branch.graph.update(_objects(f"part{number}x{part}", 3))
+                spent.append((time.process_time() - started) * 1e3)
+            held += 3 * more + 63
+            middle = statistics.median(spent)
+            print(f"{held:6d} statements: median {middle:7.2f} ms  largest {max(spent):7.2f} ms")
+
+
+def _objects(name: str, count: int) -> str:
+    lines = (
+        f"<urn:{name}/{k}> a rt:ManipulableObject ; rt:mass {k % 90 / 100 + 0.01:.2f}e0 ; "
+        f"<urn:beside{k % 5}> <urn:{name}/{(k + 1) % count}> ."
+        for k in range(count)
+    )
+    return f"PREFIX rt: <{ontology.NS}> INSERT DATA {{ {' '.join(lines)} }}"
+
+
 def _own_bytes(folder: Path) -> int:
     """Return the bytes of files that are no hard links to those of the trunk."""
     files = [path.stat() for path in folder.rglob("*") if path.is_file()]
@@ -84,4 +116,7 @@ def _resident_bytes() -> int:
 
 
 if __name__ == "__main__":
-    _main(int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000)
+    if "--growth" in sys.argv[1:]:
+        _growth()
+    else:
+        _main(int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000)

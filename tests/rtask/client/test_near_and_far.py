@@ -129,7 +129,7 @@ def test_the_token_names_the_robot_and_its_graph(served, heard_far):
         foreign = graphs[0]["g"].replace("nao-1", "nao-2")
         with pytest.raises(ForbiddenError, match="nao-2"):
             client.update(f"INSERT DATA {{ GRAPH <{foreign}> {{ <urn:a> a <urn:b> }} }}")
-        with pytest.raises(CallFailedError, match="nao-2"):
+        with pytest.raises(ForbiddenError, match="nao-2"):
             client.register_robot(name="nao-2", model="nao", end_effectors=[HAND])
 
 
@@ -139,7 +139,7 @@ def test_without_a_token_one_only_reads(served, heard_far):
         assert client.ask("ASK { ?s ?p ?o }")
         with pytest.raises(RtaskError, match="token"):
             client.update("INSERT DATA { <urn:a> <urn:b> <urn:c> }")
-        with pytest.raises(CallFailedError, match="scope write"):
+        with pytest.raises(ForbiddenError, match="scope write"):
             client.insert_object(objects=[sight(1)])
 
 

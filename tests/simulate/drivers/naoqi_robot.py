@@ -10,6 +10,7 @@ import sys
 import time
 from typing import Any
 
+import numpy as np
 import qi
 
 ARM_JOINTS = ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll", "WristYaw")
@@ -34,11 +35,13 @@ class ALMotion:
         """Whether each running task was killed, by its number."""
         self.newest = 0
         self.drifting: dict[str, float] = {}
+        self.lying = "good"
+        self.last_moved = 0.0
 
     def getAngles(self, names: list[str], use_sensors: bool) -> list[float]:
         for name, rate in self.drifting.items():
             self.angles[name] += rate * 0.1
-        return [self.angles[name] for name in names]
+        return [self.angles[name] for name in names[: 1 if self.lying == "uneven" else None]]
 
     def setStiffnesses(self, names: list[str], value: float) -> None:
         self.calls.append(f"stiff {value:g}")
@@ -54,6 +57,8 @@ class ALMotion:
                 raise ValueError(f"angleInterpolation: bad times of {name}")
             if self.stiff[name] == 0.0:
                 raise ValueError(f"angleInterpolation: {name} is not stiff")
+        if self.lying == "rejected":
+            raise ValueError("angleInterpolation: refused")
         self.calls.append(f"move {names[0]} {len(names)} {len(angles[0])}")
         self.newest += 1
         task = self.newest
@@ -64,16 +69,23 @@ class ALMotion:
             del self.tasks[task]
 
     def _interpolate(self, task: int, names: list[str], angles: Any, times: Any) -> None:
-        ends = time.monotonic() + max(moments[-1] for moments in times) / self.hurry
-        while time.monotonic() < ends:
+        began = {name: self.angles[name] for name in names}
+        start = time.monotonic()
+        passed, takes = 0.0, max(moments[-1] for moments in times)
+        if self.lying.startswith("canceled"):
+            takes /= 2  # another program kills it there
+        while passed < takes:
             if self.tasks[task]:
                 return
             time.sleep(0.002)
-        for name, rows in zip(names, angles, strict=True):
-            if name != self.blocked:
-                self.angles[name] = float(rows[-1])
-            if name.endswith("Hand"):
-                self.angles[name] = max(float(rows[-1]), self.in_hand)
+            passed = min((time.monotonic() - start) * self.hurry, takes)
+            for name, rows, moments in zip(names, angles, times, strict=True):
+                if name != self.blocked:
+                    way = [began[name], *rows]
+                    self.angles[name] = float(np.interp(passed, [0.0, *moments], way))
+                if name.endswith("Hand"):
+                    self.angles[name] = max(self.angles[name], self.in_hand)
+            self.last_moved = self.now()
 
     def getTaskList(self) -> list[Any]:
         return [["angleInterpolation", task] for task in self.tasks]
@@ -101,6 +113,34 @@ class ALMotion:
 
     def told(self) -> list[str]:
         return self.calls
+
+    def now(self) -> float:
+        """Return the time in which the motions go on, s."""
+        return time.monotonic() * self.hurry
+
+    def lie(self, how: str) -> None:
+        self.lying = how
+
+    def forget(self) -> None:
+        self.calls = []
+
+    def begun(self) -> list[int]:
+        """Return the numbers of the tasks of arms that stiffened joints began, of the right arm."""
+        moves = [call for call in self.calls if call.startswith("move R")]
+        return list(range(self.newest - len(moves) + 1, self.newest + 1))
+
+    def killed(self) -> list[int]:
+        kills = [call.split()[1] for call in self.calls if call.startswith("killed ")]
+        return [int(kill) for kill in kills if kill != "all"]
+
+    def report(self) -> dict[str, Any]:
+        return {
+            "clock": self.now(),
+            "last_moved": self.last_moved,
+            "goals": len(self.begun()),
+            "moves": bool(self.tasks),
+            "at": self.angles["RShoulderPitch"],
+        }
 
 
 class ALAutonomousLife:

@@ -2,172 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import threading
 import time
 
 import numpy as np
 import pytest
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.server import serve
 
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.drivers.contract import JointLimits, check_ending, settled_joints
+from simulate.drivers.contract import check_ending, settled_joints
 from simulate.drivers.rosbridge import RosbridgeArm
 from simulate.motion.trajectory import join, reverse, time_path
-
-JOINTS = ("shoulder", "elbow")
-LIMITS = JointLimits(np.array([-3.0, -3.0]), np.array([3.0, 3.0]))
-START = (0.9, 0.3)
-ACTION, TOPIC = "/arm_controller/follow_joint_trajectory", "/joint_states"
-
-
-class HostileBridge:
-    """A stand-in for rosbridge before an arm of two joints; ``state`` and ``end`` say how it lies.
-
-    It speaks the protocol of rosbridge 2.x: ``subscribe``, ``publish``, ``send_action_goal``,
-    ``action_result`` with ``result: true`` for every ended goal, and ``cancel_action_goal``; with
-    ``ros`` 1 that of the bridge of ROS 1, which has no actions, but actionlib's topics.
-    """
-
-    def __init__(self):
-        self.server = serve(self.session, "127.0.0.1", 0, compression=None)
-        self.url = f"ws://127.0.0.1:{self.server.socket.getsockname()[1]}"
-        self.thread = threading.Thread(target=self.server.serve_forever)
-        self.thread.start()
-        self.reset()
-
-    def reset(self):
-        self.state, self.end, self.at = "good", {"status": 4}, np.array(START)
-        self.goals, self.cancelled, self.stopped = [], [], threading.Event()
-        self.ros, self.sessions, self.ticks = 2, 0, 0
-        self.__dict__.pop("base", None)
-        self.__dict__.pop("first_stamp", None)
-
-    def close(self):
-        self.server.shutdown()
-        self.thread.join()
-
-    def session(self, socket):
-        publishes = False
-        self.sessions += 1
-        try:
-            while True:
-                try:
-                    message = json.loads(socket.recv(timeout=0.01))
-                except TimeoutError:
-                    message = {}
-                op, topic = message.get("op", ""), message.get("topic", "")
-                if op in ("subscribe", "unsubscribe") and topic == TOPIC:
-                    publishes = op == "subscribe"
-                for _ in range(10 if "a second" in self.state else 1):
-                    if publishes and self.state != "none":
-                        state = self.joint_state()
-                        socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": state}))
-                cancel, goal = self.understood(message)
-                if cancel is not None:
-                    self.cancelled.append(cancel)
-                    self.stopped.set()
-                if goal is not None and self.take(socket, *goal):
-                    return
-        except ConnectionClosed:
-            return
-
-    def understood(self, message):
-        """Return the id of a goal to cancel, and the id and the points of a new one."""
-        op, topic, about = message.get("op"), message.get("topic"), message.get("msg")
-        if self.ros == 2:
-            args = message.get("args")
-            cancel = message["id"] if op == "cancel_action_goal" else None
-            new = op == "send_action_goal" and (message["id"], args["trajectory"]["points"])
-            return cancel, new or None
-        assert op not in ("send_action_goal", "cancel_action_goal")
-        if op == "publish" and topic == f"{ACTION}/cancel":
-            assert about["stamp"] == {"secs": 0, "nsecs": 0}
-            return about["id"], None
-        if op == "publish" and topic == f"{ACTION}/goal":
-            return None, (about["goal_id"]["id"], about["goal"]["trajectory"]["points"])
-        return None, None
-
-    def take(self, socket, goal, points):
-        """Carry out a goal at once; return whether the link is lost over it."""
-        self.goals.append(goal)
-        if self.end == "lost":
-            return True
-        if self.end == "silent":
-            return False
-        if self.end == "states stop":
-            self.state = "none"
-            return False
-        if "stays" not in self.end:
-            self.at = np.array(points[-1]["positions"]) - self.end.get("freezes", 0.0)
-        for at in self.end.get("passes", []):
-            state = {**self.joint_state(), "position": at}
-            socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": state}))
-            time.sleep(0.002)  # a later stamp
-        socket.send(json.dumps(self.result(self.end.get("of", goal))))
-        return False
-
-    def result(self, goal):
-        values = {"error_code": 0, "error_string": ""}
-        if self.ros == 1:
-            status = {"goal_id": {"id": goal}, "status": self.end.get("status"), "text": "so it is"}
-            topic = {"op": "publish", "topic": f"{ACTION}/result"}
-            return {**topic, "msg": {"status": status, "result": values}}
-        status = {"status": self.end["status"]} if "status" in self.end else {}
-        about = {"op": "action_result", "id": goal, "action": ACTION, "values": values}
-        return {**about, "result": self.end.get("result", True), **status}
-
-    def joint_state(self):
-        seconds, nanoseconds = divmod(time.time_ns() - 3_600_000_000_000 * (self.state == "old"),
-                                      1_000_000_000)  # fmt: skip
-        names, at = list(JOINTS), self.at.tolist()
-        if self.state == "a text for a list":
-            at = "0.9 0.3"
-        stamp = {"sec": seconds, "nanosec": nanoseconds}
-        velocity = [0.0, 1.5] if self.state == "moving" else [0.0, 0.0]
-        match self.state:
-            case "without time":
-                stamp = {"sec": 0, "nanosec": 0}
-            case "ahead":
-                stamp["sec"] += 60
-            case "frozen":
-                stamp = self.__dict__.setdefault("first_stamp", stamp)
-            case "NaN":
-                at[1] = None  # as rosbridge writes what JSON has no number for
-            case "a text for a number":
-                at[1] = "0.3"
-            case "a huge number":
-                at[1] = 10**400
-            case "no names":
-                names = [names[0], {}]
-            case "a text for a time":
-                stamp = {"sec": "now", "nanosec": None}
-            case "no header":
-                return {"name": names, "position": at}
-            case "twice the same joint":
-                names = [names[0]] * 2
-            case "a thousand times a second, moving":
-                # Within a millisecond an arm at 1.5 rad/s moves less than an encoder's noise.
-                base, self.ticks = self.__dict__.setdefault("base", time.time_ns()), self.ticks + 1
-                now = base + self.ticks * 10**6
-                stamp = {"sec": now // 10**9, "nanosec": now % 10**9}
-                at, velocity = (self.at + 0.0015 * self.ticks).tolist(), []
-            case "velocities unknown":
-                velocity = [None, None]
-            case "degrees":
-                at = np.rad2deg(self.at).tolist()
-            case "outside":
-                at[0] = 3.4
-            case "in another order":
-                names.reverse()
-            case "incomplete":
-                names, at, velocity = names[:1], at[:1], velocity[:1]
-            case "uneven":
-                at = at[:1]
-            case "unannounced motion":
-                at, velocity = (self.at + 1.5 * (time.time() % 1)).tolist(), []
-        return {"header": {"stamp": stamp}, "name": names, "position": at, "velocity": velocity}
+from tests.simulate.drivers.hostile_arm import ACTION, JOINTS, LIMITS, START, TOPIC
+from tests.simulate.drivers.hostile_bridge import HostileBridge
 
 
 @pytest.fixture(scope="module")

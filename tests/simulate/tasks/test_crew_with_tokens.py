@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
 import signal
 from collections import Counter
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from rtask.errors import RtaskError
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.executor import Executor
 from simulate.tasks.lab import read_lab
+from tests.commands import start_command
 from tests.rtask.tasks.conftest import BASE, CUP, LAB, LEFT, NAO, PANDA, PEN, RIGHT
 from tests.servers import RunningServer, running_server
 from tests.simulate.tasks.crew_robot import CrewRobot, run_robot
@@ -67,6 +69,31 @@ def site(tmp_path: Path) -> Iterator[Site]:
         made = Site(server, data, folder)
         with made.person:
             yield made
+
+
+def test_each_robot_is_a_command_of_its_own(site: Site) -> None:
+    """Nobody shares memory or files: each knows by the graph alone what the other has done."""
+    site.person.call("store_plan", goal=GOAL)
+    words = ("simulate", "tasks", "--server", site.url, "--json", "--robot")
+    started = {
+        robot: start_command(
+            *words, robot.rpartition("/")[2],
+            environment={**os.environ, "RTASK_TOKEN": site.tokens[robot]},
+        )
+        for robot in (NAO, PANDA)
+    }  # fmt: skip
+    turns = {}
+    for robot, process in started.items():
+        assert process.stdout is not None
+        assert process.stderr is not None
+        with process.stdout, process.stderr:
+            printed, errors = process.stdout.read(), process.stderr.read()
+        assert process.wait(_PATIENCE_S) == 0, errors
+        turns[robot] = [turn for turn in json.loads(printed)["turns"] if turn["result"] == "done"]
+    (plan,) = site.person.call("list_plans", state="all")["plans"]
+    assert plan["state"] == "done"
+    assert sum(map(len, turns.values())) == len(plan["steps"])
+    assert all(turns.values()), "the cup is handed over: each has something to do"
 
 
 def ended(process: multiprocessing.Process) -> int | None:

@@ -21,6 +21,7 @@ from rtask.wire.types import Flag, Iri, Json, Number, Text, Unit, Whole
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
+    from rtask.kb.core import GraphCore
     from rtask.tasks import PlannedStep, TaskPlan
 
 __all__ = [
@@ -53,6 +54,8 @@ class PlanGoal(Message):
     """also answer domain and problem for other planners"""
     behaviour_tree: Flag = False
     """also answer XML of BehaviorTree.CPP 4"""
+    branch: Text | None = None
+    """name of the branch of the graph to plan in; default: the graph itself"""
 
 
 class StorePlan(Message):
@@ -173,8 +176,17 @@ class StoredPlan(GoalPlan):
 
 @operation("read", "reads", "plan what robots do for a goal, or say why none can reach it")
 def plan_goal(context: Context, request: PlanGoal, access: Access) -> GoalPlan:
-    """Return a plan from what the caller may read; nothing is stored."""
-    plan = _plan(context, request.goal, access, request.assume_reach)
+    """Return a plan from what the caller may read; nothing is stored.
+
+    Raises
+    ------
+    UnknownTermError
+        There is no branch of this name.
+    UnsupportedError
+        The graph can have no branches.
+    """
+    kb = context.kb if request.branch is None else context.kb.open_branch(request.branch).graph
+    plan = _plan(context, request.goal, access, request.assume_reach, kb)
     return answer_of(plan, pddl=request.pddl, tree=request.behaviour_tree)
 
 
@@ -244,7 +256,13 @@ def _prices(request: StorePlan) -> Prices | None:
     return Prices(asking, failing)
 
 
-def _plan(context: Context, goal: str, access: Access, assume_reach: bool) -> TaskPlan:
+def _plan(
+    context: Context,
+    goal: str,
+    access: Access,
+    assume_reach: bool,
+    kb: GraphCore | None = None,
+) -> TaskPlan:
     """Plan, one at a time: a search takes a processor for itself.
 
     Raises
@@ -255,7 +273,7 @@ def _plan(context: Context, goal: str, access: Access, assume_reach: bool) -> Ta
     if not context.planning.acquire(timeout=_PATIENCE_S):
         raise BusyError("other plans are being made; try again", retry_after_s=_PATIENCE_S)
     try:
-        return Tasks(context.kb).plan(goal, assume_reach=assume_reach, access=access)
+        return Tasks(kb or context.kb).plan(goal, assume_reach=assume_reach, access=access)
     finally:
         context.planning.release()
 

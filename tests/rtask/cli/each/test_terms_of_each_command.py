@@ -81,7 +81,7 @@ _OTHERS = {
     "names of services, datasets, versions and what belongs to them": """after arguments before
         key mapping method path paths rules services version where""",
     "numbers of commits, attempts and tokens": "commit commits task_id token_id",
-    "times and languages": "at deadline end expires lang lifetime since start",
+    "times and languages": "at deadline end expires lang lifetime since start until",
     "files, formats and addresses": """allow_host allow_load allow_origin allow_service base
         classifier cluster cors follow form host new old ontology public_url server sources store
         target url""",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import datetime as dt
+
 import numpy as np
 import pytest
 
 import rtask
 from rtask.engine import Engine
-from rtask.errors import ForbiddenError, UnknownTermError
+from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import iri
@@ -206,6 +208,89 @@ def test_robots_may_not_withdraw_anybody_and_nobody_unknown_is(engine, robots):
         robot.call("withdraw_contributor", contributor="nao-1")
     with pytest.raises(UnknownTermError, match="did you mean 'nao-1'"):
         withdraw(engine, "nao-11")
+
+
+def _now():
+    return dt.datetime.now(dt.UTC).timestamp()
+
+
+def counted(engine, grasp):
+    """Return (robot, attempts, successes) of the counts of a grasp."""
+    rows = engine.kb.select(f"""PREFIX rt: <{RT.x.value.removesuffix("x")}>
+SELECT ?robot ?n ?held {{ ?count rt:statisticsOf <{grasp}> ; rt:attempts ?n ; rt:successes ?held ;
+  <http://www.w3.org/ns/prov#wasAttributedTo> ?robot }} ORDER BY ?robot""")
+    return [(str(r.value("robot"))[-5:], r.value("n"), r.value("held")) for r in rows]
+
+
+def calibrated(engine):
+    """Return the number of outcomes behind the maps of each hand."""
+    return sorted((q.subject.value, q.object.value) for q in engine.kb.match(None, RT.outcomeCount))
+
+
+_WITHOUT_THE_DAY = (4.067, 2.533)
+"""Belief that two successes of one robot and a failure of another leave."""
+
+
+@pytest.mark.parametrize("has_day", [True, False])
+def test_a_day_is_withdrawn_as_if_it_had_not_been(bench, engine, robots, has_day):
+    """What was told before and after it counts, and the whole is undone by one commit."""
+    one, two = robots("nao-1"), robots("nao-2")
+    thing = one.insert(bench.sight(bench.BOX), name="tea")["objects"][0]["object"]
+    first, second = one.recognise(bench.sight(bench.BOX))["grasps"][:2]
+    grasp = report(one, thing, bench.held(), first)["grasp"]
+    report(two, thing, bench.missed(), first)
+    begin = _now()
+    if has_day:
+        found = one.insert(bench.sight(bench.CAN), name="odd")["objects"][0]["object"]
+        for _ in range(3):
+            report(one, thing, bench.missed(), first)
+        later = report(one, thing, bench.missed(), second)["grasp"]
+        report(one, found, bench.missed())
+    end = _now()
+    report(one, thing, bench.held(), first)
+    if has_day:
+        before = {quad for quad in engine.kb.match() if _is_told(quad)}
+        asked = {"contributor": "nao-1", "since": begin, "until": end}
+        done = engine.call("withdraw_contributor", asked, ANN).as_json()
+        assert (done["attempts"], done["objects"], done["kept"]) == (5, 1, 0)
+        assert not engine.kb.match(iri(found))
+        assert not engine.kb.match(iri(later))
+    assert counted(engine, grasp) == [("nao-1", 2, 2), ("nao-2", 1, 0)]
+    assert newest(engine, grasp) == pytest.approx(_WITHOUT_THE_DAY)
+    assert [number for _, number in calibrated(engine)] == ["2", "1"]
+    assert [q.object.value for q in engine.kb.match(iri(thing), RT.name)] == ["tea"]
+    assert not engine.kb.validate()
+    if has_day:
+        engine.call("curate_object", {"operation": "undo", "commit": done["commit"]}, ANN)
+        assert {quad for quad in engine.kb.match() if _is_told(quad)} == before
+
+
+def test_what_the_day_had_replaced_comes_back_and_what_others_need_stays(bench, engine, robots):
+    one, two = robots("nao-1"), robots("nao-2")
+    thing = one.insert(bench.sight(bench.BOX), name="tea")["objects"][0]["object"]
+    begin = _now()
+    found = one.insert(bench.sight(bench.CAN), name="jar")["objects"][0]["object"]
+    one.recognise(bench.sight(bench.BOX.at(0.30, 0.10, 0.3)), object=thing)
+    end = _now()
+    report(two, found, bench.held())
+    places = len(engine.kb.match(None, RT.placementOf))
+    asked = {"contributor": "nao-1", "since": begin, "until": end}
+    done = engine.call("withdraw_contributor", asked, ANN).as_json()
+    assert (done["attempts"], done["objects"], done["kept"]) == (0, 0, 1)
+    assert [q.object.value for q in engine.kb.match(iri(found), RT.name)] == ["jar"]
+    assert len(engine.kb.match(None, RT.placementOf)) < places
+    (exemplar,) = {q.subject for q in engine.kb.match(None, RT.exemplarOf, iri(thing))}
+    assert len(engine.kb.world.open_placements(exemplar.value)) == 1
+    assert not engine.kb.validate()
+
+
+def test_a_period_in_which_nothing_was_told_and_one_that_ends_early_are_refused(engine, robots):
+    robots("nao-1")
+    asked = {"contributor": "nao-1", "since": 10.0, "until": 20.0}
+    with pytest.raises(UnknownTermError, match="told nothing then"):
+        engine.call("withdraw_contributor", asked, ANN)
+    with pytest.raises(UsageError, match="ends before it begins"):
+        engine.call("withdraw_contributor", {**asked, "since": 30.0}, ANN)
 
 
 @pytest.mark.slow

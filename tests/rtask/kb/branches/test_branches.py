@@ -30,9 +30,10 @@ from rtask.kb.branches.record import MAX_OPEN, MAX_OPEN_EACH
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.budget import ReasoningLimits
 from rtask.kb.commit.commit import Request
+from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
-from rtask.rdf.terms import Quad, iri
+from rtask.rdf.terms import Quad, TripleKey, iri
 
 _RT = ontology.NS
 _PREFIXES = f"PREFIX rt: <{_RT}> " + " ".join(
@@ -116,6 +117,43 @@ def test_what_follows_in_a_branch_is_what_a_closure_of_its_own_holds(kb: Knowled
     assert len(derived) > 10
     assert expected != others
     assert [f for f in kb.verify() if f.severity == "error"] == []
+
+
+def test_a_commit_looks_at_itself_and_not_at_what_the_branch_held_before(
+    kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Triples of the store that are looked up for reasoning, after 2 and after 600 others."""
+    asked: list[TripleKey] = []
+    held = Inference._holds
+
+    def counted(self: Inference, triple: TripleKey) -> bool:
+        asked.append(triple)
+        return held(self, triple)
+
+    monkeypatch.setattr(Inference, "_holds", counted)
+    looked = []
+    with kb.branch("grows") as branch:
+        for number in range(1, 5):
+            size = 300 if number > 2 else 1
+            body = " . ".join(f"<urn:c{number}x{k}> a <urn:Cup>" for k in range(size))
+            _write(branch.graph, f"INSERT DATA {{ {body} }}")
+            _write(kb, f"INSERT DATA {{ <urn:t{number}> a <urn:Cup> }}")
+            asked.clear()
+            commit = branch.graph.update(f"INSERT DATA {{ <urn:d{number}> a <urn:Cup> }}")
+            assert commit.derived >= 2
+            looked.append(len(asked))
+        assert [f for f in branch.graph.verify() if f.severity == "error"] == []
+    assert looked == [0, 0, 0, 0]
+
+
+def test_a_branch_goes_on_after_rules_of_its_trunk_have_changed(kb: KnowledgeBase) -> None:
+    with kb.branch("goes-on") as branch:
+        _write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }")
+        kb.add_rules("# rule: tea\nCONSTRUCT { ?x <urn:holds> <urn:tea> } WHERE { ?x a <urn:Cup> }")
+        _write(branch.graph, "INSERT DATA { <urn:c2> a <urn:Cup> }")
+        assert _holds(branch.graph, "<urn:c1> <urn:holds> <urn:tea>")
+        assert _holds(branch.graph, "<urn:c2> <urn:holds> <urn:tea>")
+        assert branch.graph.explain("urn:c2", "urn:holds", "urn:tea").holds
 
 
 def test_merging_makes_one_commit_from_which_the_same_follows(kb: KnowledgeBase) -> None:

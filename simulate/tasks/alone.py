@@ -1,0 +1,48 @@
+"""One robot of a crew by itself, while the others work on other machines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from simulate.tasks.executor import Executor, Graph, Turn
+
+__all__ = ["work_alone"]
+
+
+def work_alone(
+    graph: Graph,
+    executor: Executor,
+    before: Callable[[], None],
+    tell: Callable[[Turn], None],
+    wait: Callable[[int], bool],
+) -> bool:
+    """Take turns until no plan is open, and return whether that came about.
+
+    Nothing is planned again here: that is for whoever may plan for all robots.
+
+    Parameters
+    ----------
+    graph
+        A client in the name of the robot.
+    executor
+        The robot.
+    before
+        Called before each turn, to take in what others have moved.
+    tell
+        Called with each turn in which the robot did something.
+    wait
+        Called with the number of turns in a row without a step; returns whether to look again.
+    """
+    idle = 0
+    while True:
+        before()
+        turn = executor.turn()
+        if turn.result != "idle":
+            idle = 0
+            tell(turn)
+            continue
+        if not graph.call("list_plans", state="open")["plans"]:
+            return True
+        idle += 1
+        if not wait(idle):
+            return False

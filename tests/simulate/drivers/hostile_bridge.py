@@ -1,0 +1,99 @@
+"""A stand-in for rosbridge before an arm that lies."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.server import serve
+
+from tests.simulate.drivers.hostile_arm import ACTION, TOPIC, HostileArm
+
+
+class HostileBridge(HostileArm):
+    """A stand-in for rosbridge before an arm of two joints; ``state`` and ``end`` say how it lies.
+
+    It speaks the protocol of rosbridge 2.x: ``subscribe``, ``publish``, ``send_action_goal``,
+    ``action_result`` with ``result: true`` for every ended goal, and ``cancel_action_goal``; with
+    ``ros`` 1 that of the bridge of ROS 1, which has no actions, but actionlib's topics.
+    """
+
+    def __init__(self):
+        super().__init__()
+        self.server = serve(self.session, "127.0.0.1", 0, compression=None)
+        self.url = f"ws://127.0.0.1:{self.server.socket.getsockname()[1]}"
+        self.thread = threading.Thread(target=self.server.serve_forever)
+        self.thread.start()
+
+    def reset(self):
+        super().reset()
+        self.ros, self.sessions, self.is_cut = 2, 0, False
+
+    def close(self):
+        super().close()
+        self.server.shutdown()
+        self.thread.join()
+
+    def session(self, socket):
+        publishes = False
+        self.sessions += 1
+        try:
+            while not self.is_cut:
+                try:
+                    message = json.loads(socket.recv(timeout=0.01))
+                except TimeoutError:
+                    message = {}
+                op, topic = message.get("op", ""), message.get("topic", "")
+                if op in ("subscribe", "unsubscribe") and topic == TOPIC:
+                    publishes = op == "subscribe"
+                for _ in range(10 if "a second" in self.state else 1):
+                    if publishes and self.state != "none":
+                        state = self.joint_state()
+                        socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": state}))
+                cancel, goal = self.understood(message)
+                if cancel is not None:
+                    self.cancel(cancel)
+                if goal is not None and self.begin(socket, *goal):
+                    return
+                while self.over:
+                    socket.send(json.dumps(self.result(self.over.pop())))
+        except ConnectionClosed:
+            return
+
+    def understood(self, message):
+        """Return the id of a goal to cancel, and the id and the points of a new one."""
+        op, topic, about = message.get("op"), message.get("topic"), message.get("msg")
+        if self.ros == 2:
+            args = message.get("args")
+            cancel = message["id"] if op == "cancel_action_goal" else None
+            new = op == "send_action_goal" and (message["id"], args["trajectory"]["points"])
+            return cancel, new or None
+        assert op not in ("send_action_goal", "cancel_action_goal")
+        if op == "publish" and topic == f"{ACTION}/cancel":
+            assert about["stamp"] == {"secs": 0, "nsecs": 0}
+            return about["id"], None
+        if op == "publish" and topic == f"{ACTION}/goal":
+            return None, (about["goal_id"]["id"], about["goal"]["trajectory"]["points"])
+        return None, None
+
+    def begin(self, socket, goal, points):
+        """Carry out a goal; return whether the link is lost over it."""
+        if self.take(goal, points):
+            for at in self.end.get("passes", []):
+                state = {**self.joint_state(), "position": at}
+                socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": state}))
+                time.sleep(0.002)  # a later stamp
+            socket.send(json.dumps(self.result(self.end.get("of", goal))))
+        return self.end == "lost"
+
+    def result(self, goal):
+        values = {"error_code": self.end.get("code", 0), "error_string": ""}
+        if self.ros == 1:
+            status = {"goal_id": {"id": goal}, "status": self.end.get("status"), "text": "so it is"}
+            topic = {"op": "publish", "topic": f"{ACTION}/result"}
+            return {**topic, "msg": {"status": status, "result": values}}
+        status = {"status": self.end["status"]} if "status" in self.end else {}
+        about = {"op": "action_result", "id": goal, "action": ACTION, "values": values}
+        return {**about, "result": self.end.get("result", True), **status}
