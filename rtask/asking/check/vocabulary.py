@@ -253,13 +253,13 @@ class Vocabulary:
 
     def most_specific(self, names: Iterable[str]) -> list[str]:
         """Return the classes that have none of the others below them."""
-        kept = frozenset(names)
-        listed = self._specific.get(kept)
+        classes = frozenset(names)
+        listed = self._specific.get(classes)
         if listed is None:
-            listed = self._specific[kept] = [
+            listed = self._specific[classes] = [
                 iri
-                for iri in sorted(kept)
-                if not any(iri in self.above[other] for other in kept if other != iri)
+                for iri in sorted(classes)
+                if not any(iri in self.above[other] for other in classes if other != iri)
             ]
         return listed
 

@@ -68,7 +68,7 @@ class Checked(Answer):
 
     commit: int
     ok: bool
-    """nothing was found; of a query that was not checked, that it can be read"""
+    """no fault was seen; of a query that was not checked, that it can be read"""
     faults: list[Fault]
     faults_left_out: int
     not_checked: str
@@ -86,16 +86,16 @@ def ask_sparql(asked: Asked, request: AskSparql) -> Rows:
     commit = asked.kb.seq
     try:
         answer = evaluate(asked, query.text)
-        found = check(asked.kb, query.text)
+        findings = check(asked.kb, query.text)
     except QuerySyntaxError as error:
         raise query.error(error) from None
     is_empty = not answer
-    found = [finding for finding in found if is_empty or finding.severity == "certain"]
+    findings = [finding for finding in findings if is_empty or finding.severity == "certain"]
     answered = rows_of(asked, answer, commit, request.offset)
     if isinstance(answer, Solutions):
         terms = [list(row) for row in answer[request.offset : request.offset + PAGE]]
         answered = answered.model_copy(update={"rows": with_evidence(asked, terms, answered.rows)})
-    return answered.model_copy(update=_faults(asked, query, found))
+    return answered.model_copy(update=_faults(asked, query, findings))
 
 
 @tool(
@@ -107,12 +107,12 @@ def check_sparql(asked: Asked, request: CheckSparql) -> Checked:
     """Return the faults of a query that parses; one that does not is an error with its place."""
     query = expand(request.query, asked.reader.prefixes)
     try:
-        found = check(asked.kb, query.text)
+        findings = check(asked.kb, query.text)
     except QuerySyntaxError as error:
         raise query.error(error) from None
     members: dict[str, Any] = {"faults": [], "faults_left_out": 0, "not_checked": ""}
-    members |= _faults(asked, query, found)
-    return Checked(commit=asked.kb.seq, ok=not found, **members)
+    members |= _faults(asked, query, findings)
+    return Checked(commit=asked.kb.seq, ok=not findings, **members)
 
 
 def evaluate(asked: Asked, text: str) -> Solutions | bool | Triples:
@@ -153,13 +153,13 @@ def rows_of(asked: Asked, answer: Solutions | bool | Triples, commit: int, offse
     return Rows(commit=commit, columns=list(page.variables), rows=rows, **more)
 
 
-def _faults(asked: Asked, query: Expansion, found: list[Finding]) -> dict[str, Any]:
+def _faults(asked: Asked, query: Expansion, findings: list[Finding]) -> dict[str, Any]:
     """Return members for the faults of a query, with places in the text as it was given."""
     members: dict[str, Any] = {}
-    if found:
-        members["faults"] = [_fault(asked, query, finding) for finding in found[:MAX_FINDINGS]]
-    if len(found) > MAX_FINDINGS:
-        members["faults_left_out"] = len(found) - MAX_FINDINGS
+    if findings:
+        members["faults"] = [_fault(asked, query, finding) for finding in findings[:MAX_FINDINGS]]
+    if len(findings) > MAX_FINDINGS:
+        members["faults_left_out"] = len(findings) - MAX_FINDINGS
     if unread := checker_of(asked.kb).unread(query.text):
         members["not_checked"] = unread
     return members
