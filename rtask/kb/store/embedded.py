@@ -27,7 +27,7 @@ from rtask.sparql.lexer import names_dataset
 
 __all__ = ["LARGE", "EmbeddedStore", "embedded_store"]
 
-_ATTEMPTS = 20
+_ATTEMPTS = 100  # on a busy machine RocksDB took more than a second to let go
 _PAUSE_S = 0.05
 _BULK = 100_000
 _READ_EACH, _READ_MORE = 4, 16
