@@ -11,6 +11,7 @@ import contextlib
 import itertools
 import time
 from collections.abc import Iterable, Iterator, Sized
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -348,6 +349,9 @@ class EmbeddedStore(GraphStore):
         if writes.only_adds():
             self.extend(writes.added)
         else:
+            if writes.is_unseen:
+                self.extend(writes.added)
+                writes = replace(writes, added=())
             operations, functions = as_update(writes)
             if operations:
                 self.update(" ;\n".join(operations), custom_functions=functions)
