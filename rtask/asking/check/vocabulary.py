@@ -17,7 +17,7 @@ from typing import TypeAlias
 from pyoxigraph import BlankNode, Literal, NamedNode
 
 import ontology
-from rtask.asking.check import metamodel, standards
+from rtask.asking.check import metamodel
 from rtask.kb.core import GraphCore
 from rtask.rdf.terms import RDF_TYPE, XSD, Term
 
@@ -159,7 +159,7 @@ class Vocabulary:
         for iri, ends in metamodel.PROPERTIES.items():
             self._property(iri).relates_things = True
             self._complete(iri, ends)
-        for iri, ends in standards.PROPERTIES.items():
+        for iri, ends in metamodel.OF_STANDARDS.items():
             if iri in self.properties:
                 self._complete(iri, ends)
         for label in (_RDFS + "label", "http://www.w3.org/2004/02/skos/core#altLabel"):
