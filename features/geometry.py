@@ -72,11 +72,16 @@ class Intrinsics:
 
 
 def finite_depth(depth_m: FloatArray) -> NDArray[np.float32]:
-    """Return a depth image (h, w), m, with 0 where it is not finite.
+    """Return a depth image (h, w), m, with 0 where nothing was measured: not finite, or negative.
 
-    Cameras mark what is too near or too far by -inf and inf (REP 117).
+    Cameras mark what is too near or too far by -inf and inf (REP 117), some what is missing by -1.
+
+    Examples
+    --------
+    >>> finite_depth(np.array([[0.5, np.inf, np.nan, -1.0]])).tolist()
+    [[0.5, 0.0, 0.0, 0.0]]
     """
-    return np.where(np.isfinite(depth_m), depth_m, 0).astype(np.float32)
+    return np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, 0).astype(np.float32)
 
 
 def points_from_depth(

@@ -398,6 +398,7 @@ class Closure(ClosureView):
             max_joins=20 * size + self._config.max_joins if bounded else sys.maxsize,
             bulk_from=self._config.bulk_from,
             keep_ill_typed=self._config.ill_typed == "keep",
+            owner=self._config.owner,
             user_rules=rules,
             budget=budget,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from reasoner.contradictions import Contradiction
@@ -36,6 +37,9 @@ class Config:
     bulk_from : int
         Size of a change from which consequences are derived by joins of whole relations; for an
         empty closure, a tenth of it.
+    owner : callable, optional
+        Returns who named a thing, of its IRI; None for names of nobody. A key makes no two things
+        of different owners one. Equal ones decide alike.
     """
 
     on_contradiction: str = "report"
@@ -43,6 +47,7 @@ class Config:
     max_inferred: int = 1_000_000
     max_joins: int = 1_000_000
     bulk_from: int = 2_000
+    owner: Callable[[str], str | None] | None = None
 
     def __post_init__(self) -> None:
         if self.on_contradiction not in ("report", "reject"):

@@ -130,6 +130,11 @@ class ClosureView:
             return [term]
         return [self._terms.decode(m) for m in self._state.equality.members(number)]
 
+    @property
+    def holds_equal(self) -> bool:
+        """Whether any two terms are the same."""
+        return bool(self._state.equality)
+
     def _find(self, triple: Triple) -> Fact | None:
         s, p, o = map(self._terms.find_equal, triple)
         return None if s is None or p is None or o is None else (s, p, o)

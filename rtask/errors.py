@@ -439,44 +439,10 @@ class WorkerDiedError(ServiceError):
     status, slug = 502, "worker-died"
 
 
-_EXAMPLE = "; give it as "
-
-
 class MissingDataError(ServiceError):
     """A data resource that a service needs was not named, or does not exist."""
 
     status, slug = 422, "missing-data"
-
-    @staticmethod
-    def in_words_of(message: str, resource: str, form: str) -> str:
-        """Return a message with its example, if it has any, as another reader would write it."""
-        if _EXAMPLE not in message:
-            return message
-        return MissingDataError.with_example(message, resource, form)
-
-    @staticmethod
-    def with_example(message: str, resource: str, form: str) -> str:
-        """Return a message with the way in which its reader names a dataset.
-
-        Parameters
-        ----------
-        form
-            ``data=``, ``--dataset``, or the member of a JSON request that holds names of datasets.
-
-        Examples
-        --------
-        >>> words = MissingDataError.with_example("lab/A needs a dataset for 'arm'", "arm", "$data")
-        >>> print(words)
-        lab/A needs a dataset for 'arm'; give it as "$data": {"arm": "<namespace>/<name>"}
-        >>> MissingDataError.with_example(words, "arm", "--dataset")
-        "lab/A needs a dataset for 'arm'; give it as --dataset arm=<namespace>/<name>"
-        """
-        example = f'"{form}": {{"{resource}": "<namespace>/<name>"}}'
-        if form == "--dataset":
-            example = f"--dataset {resource}=<namespace>/<name>"
-        elif form == "data=":
-            example = f"data={{{resource!r}: '<namespace>/<name>'}}"
-        return message.partition(_EXAMPLE)[0] + _EXAMPLE + example
 
 
 class QueueFullError(ServiceError):

@@ -8,6 +8,7 @@ import importlib
 import inspect
 import os
 import random
+import tempfile
 import warnings
 from collections.abc import Generator
 from pathlib import Path
@@ -72,10 +73,13 @@ def _estimated_s(piece: list[pytest.Item]) -> float:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let requests without a time limit of their own wait for a busy machine; httpx waits 5 s.
+    """Prepare what all tests share: a place for temporary files, and patient requests.
 
-    They share one TLS context: httpx would read all certificates for each, 20 ms a request.
+    httpx waits 5 s for an answer, too short for a busy machine, and reads all certificates for each
+    request, 20 ms; so there is one TLS context.
     """
+    if not hasattr(config, "workerinput"):
+        _gather_temporary_files(config)
     usual = inspect.signature(httpx.Client).parameters["timeout"].default
     usual.connect = usual.read = usual.write = usual.pool = _PATIENCE_S
     context = httpx.create_ssl_context()
@@ -86,6 +90,21 @@ def pytest_configure(config: pytest.Config) -> None:
     failed = os.environ.pop("RTASK_FAILED_TESTS", None)
     if failed and not hasattr(config, "workerinput"):
         config.stash[_FAILED] = Path(failed)
+
+
+def _gather_temporary_files(config: pytest.Config) -> None:
+    """Let tests and the processes that they start make temporary files in one folder.
+
+    It goes at the end with all that killed processes left in it, or, if these tests are killed, at
+    the beginning of the next ones. The folders of ``tmp_path`` stay where they were, for a look at
+    them after a failure.
+    """
+    from rtask.scratch import ScratchFolder
+
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())
+    folder = ScratchFolder("tests")
+    os.environ["TMPDIR"] = tempfile.tempdir = str(folder.path)
+    config.add_cleanup(folder.close)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -119,8 +138,12 @@ def _test_modules(config: pytest.Config) -> list[Path]:
 def pytest_collection_finish() -> None:
     """Exempt all that collection created from garbage collection, and let it begin more rarely.
 
-    The first halves its cost; the second saves a fifteenth of all processor time.
+    The first halves its cost; the second saves a fifteenth of all processor time. New knowledge
+    bases are copied from now on, which saves as much.
     """
+    from tests.opened import open_by_copying
+
+    open_by_copying()
     gc.collect()
     gc.freeze()
     gc.set_threshold(*_GC_THRESHOLDS)

@@ -59,6 +59,6 @@ CONTRADICTED = {
 MERGED = {
     "key": ("its:y a lab:Keyed ; lab:code 'Z'", "its:z a lab:Keyed ; lab:code 'Z'"),
     "id": ("its:y a rt:Mug ; rt:objectId '7'", "its:z a rt:Mug ; rt:objectId '7'"),
-    "inverse functional": ("my:b lab:inv its:c", "its:b lab:inv its:c"),
+    "inverse functional": ("its:a lab:inv its:c", "its:b lab:inv its:c"),
     "function, before the name is used": ("my:f lab:fun my:w , its:o", "its:o rdfs:label 'o'"),
 }

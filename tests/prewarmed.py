@@ -6,6 +6,7 @@ process, :class:`Prewarmed` asks it for processes. Tests call it through ``tests
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import gc
 import importlib
@@ -16,9 +17,11 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
+import traceback
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NoReturn
 
 _IMPORTED = (
     "endpoint.commands",
@@ -236,9 +239,16 @@ def _main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group
     for name in _IMPORTED:
         importlib.import_module(name)
-    import rtask
+    import click
 
-    rtask.open(":memory:").close()  # compiles the rules and reads the ontology
+    from rtask.cli import cli
+    from rtask.services.offered import open_host
+    from tests.opened import open_by_copying, prepare_original
+
+    prepare_original()  # compiles the rules and reads the ontology
+    open_by_copying()
+    cli.list_commands(click.Context(cli))  # reads what is installed
+    open_host().close()  # makes the messages of all services
     gc.collect()
     gc.freeze()
     order = _serve(socket.socket(fileno=int(sys.argv[1])))
@@ -253,7 +263,36 @@ def _main() -> None:
     sys.argv[1:] = order["arguments"]
     command = ["-m", order["module"], *order["arguments"]]
     sys.orig_argv[:] = [sys.executable, *command]  # to start over with
-    runpy.run_module(order["module"], run_name="__main__", alter_sys=True)
+    code = 1
+    try:
+        runpy.run_module(order["module"], run_name="__main__", alter_sys=True)
+        code = 0
+    except SystemExit as ended:
+        if ended.code is None or isinstance(ended.code, int):
+            code = ended.code or 0
+        else:
+            sys.stderr.write(f"{ended.code}\n")
+    except KeyboardInterrupt:
+        raise  # the interpreter ends itself by the signal
+    except BaseException:  # noqa: BLE001 - as the interpreter does
+        traceback.print_exc()
+    _end(code)
+
+
+def _end(code: int) -> NoReturn:
+    """End as the interpreter does, but leave its memory to the system.
+
+    Objects that are freed one by one would first be copied, as the parent has them too: that takes
+    .1 s of processor time, as much as the command itself.
+    """
+    threading._shutdown()  # type: ignore[attr-defined]
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            code = code or 120  # as the interpreter says it
+    os._exit(code)
 
 
 if __name__ == "__main__":

@@ -25,6 +25,9 @@ __all__ = ["decode_compressed_depth", "decode_rvl", "is_compressed_depth"]
 _HEADER = struct.Struct("<iff")
 _SIZE = struct.Struct("<ii")
 _PNG = b"\x89PNG"
+_MOST_NIBBLES = 9
+"""Of a number of RVL: three bits each, so that the longest run of an image fits."""
+_MOST_VALUE = 65_535
 
 
 def is_compressed_depth(message: Mapping[str, Any]) -> bool:
@@ -116,7 +119,10 @@ def _variable_lengths(nibbles: NDArray[np.uint8]) -> NDArray[np.int64]:
     starts = np.concatenate(([0], ends[:-1] + 1)) if len(ends) else ends
     numbers = np.zeros(len(ends), np.int64)
     lengths = ends - starts + 1
-    for place in range(min(int(lengths.max(initial=0)), 7)):
+    longest = int(lengths.max(initial=0))
+    if longest > _MOST_NIBBLES:
+        raise CloudFormatError(f"RVL: a number of {longest} nibbles")
+    for place in range(longest):
         has = lengths > place
         numbers[has] |= (nibbles[starts[has] + place].astype(np.int64) & 7) << (3 * place)
     return numbers
@@ -136,6 +142,8 @@ def _expand(numbers: NDArray[np.int64], count: int) -> NDArray[np.uint16]:
             raise CloudFormatError("RVL: a run reaches beyond the image")
         coded = numbers[at : at + others]
         values = previous + np.cumsum((coded >> 1) ^ -(coded & 1))
+        if others and not 0 <= values.min() <= values.max() <= _MOST_VALUE:
+            raise CloudFormatError("RVL: a value that does not fit into 16 bits")
         out[pixel : pixel + others] = values
         if others:
             previous = int(values[-1])

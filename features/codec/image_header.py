@@ -101,8 +101,8 @@ def has_alpha(data: bytes) -> bool:
     if data.startswith(_PNG) and len(data) > 25:
         return data[25] in (4, 6) or b"tRNS" in data[: data.find(b"IDAT")]
     if data[:4] in _TIFF:
-        is_rgb = _tiff_number(data, _MEANING, 0) == _TIFF_RGB
-        return is_rgb and _tiff_number(data, _SAMPLES, 3) == 4
+        samples = {_TIFF_RGB: 4, 0: 2, 1: 2}.get(_tiff_number(data, _MEANING, 0))
+        return _tiff_number(data, _SAMPLES, 1) == samples
     if data.startswith(b"BM"):
         return (
             len(data) > _BMP_ALPHA_MASK + 4

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from features.codec.limits import CloudFormatError, Limits
-from features.codec.table import Table, cloud_from_fields, read_text_rows, split_colour
+from features.codec.table import Table, cloud_from_fields, read_text_rows
 from features.codec.types import Cloud
 
 __all__ = ["is_pcd", "read_pcd", "write_pcd"]
@@ -66,8 +66,7 @@ def read_pcd(data: bytes, limits: Limits) -> Cloud:
         table = _columns(data[body:], count, fields, limits)
     else:
         raise CloudFormatError(f"PCD: unknown DATA {kind!r}")
-    split_colour(table)
-    cloud = cloud_from_fields(table, ("r", "g", "b"), "PCD", _shape(header, count))
+    cloud = cloud_from_fields(table, "PCD", _shape(header, count))
     positions = _from_viewpoint(header, cloud.positions)
     return replace(cloud, positions=positions, frame_id=" ".join(header.get(_FRAME, [])))
 

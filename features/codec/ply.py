@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.codec.limits import CloudFormatError, Limits
-from features.codec.table import Table, cloud_from_fields, read_text_rows, split_colour
+from features.codec.table import Table, cloud_from_fields, read_text_rows
 from features.codec.types import Cloud
 
 __all__ = ["read_ply"]
@@ -19,11 +19,6 @@ _TYPES = {
     "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
-_COLOURS = (
-    ("red", "green", "blue"),
-    ("r", "g", "b"),
-    ("diffuse_red", "diffuse_green", "diffuse_blue"),
-)
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 
 
@@ -39,21 +34,19 @@ def read_ply(data: bytes, limits: Limits) -> Cloud:
     CloudFormatError
         When the header does not read, or the file ends before its last vertex.
     """
-    end = data.find(b"end_header", 0, _MAX_HEADER)
+    end = data.find(b"\nend_header", 0, _MAX_HEADER) + 1
     body = data.find(b"\n", end) + 1
-    if end < 0 or body == 0:
+    if end == 0 or body == 0:
         raise CloudFormatError("PLY: the header has no end")
     header = _read_header(data[:end].decode("ascii", "replace"))
     limits.check_points(header.count)
     rows = data[_start_of_vertices(header, data, body, limits) :]
     table, rest = _vertices(header, rows)
-    split_colour(table)
-    channels = next((names for names in _COLOURS if set(names) <= table.keys()), _COLOURS[0])
     shape, places = _organisation(header, rest, limits)
     count = header.count
     if places is None:
-        return cloud_from_fields(table, channels, "PLY", shape)
-    cloud = cloud_from_fields(table, channels, "PLY")
+        return cloud_from_fields(table, "PLY", shape)
+    cloud = cloud_from_fields(table, "PLY")
     numbers = np.arange(count) if cloud.places is None else cloud.places
     seats = np.full(count, -1, np.int64)
     seats[places[places >= 0]] = np.flatnonzero(places >= 0)

@@ -20,7 +20,7 @@ from features.codec.image_header import image_size
 from features.codec.image_header import is_image as is_picture
 from features.codec.limits import CloudFormatError, Limits
 from features.codec.pcd import write_pcd
-from features.codec.table import as_eight_bits
+from features.codec.table import COLOURS, Table, colours_of
 from features.geometry import finite_depth
 
 __all__ = [
@@ -57,6 +57,7 @@ _ENCODINGS = {
 _REVERSED = ("bgr", "8UC", "16UC")
 """Encodings whose channels are blue, green, red; OpenCV orders those without names so."""
 _PNG = b"\x89PNG"
+_POINT_FIELDS = {*"xyz", "rgb", "rgba", *(name for names in COLOURS for name in names)}
 
 
 def is_point_cloud(message: Any) -> bool:
@@ -89,23 +90,19 @@ def pcd_from_point_cloud(message: Mapping[str, Any], limits: Limits | None = Non
             f"PointCloud2: {len(data)} bytes are not {height} rows of {width} points of {step}"
         )
     layout = _layout(message, step)
+    names = layout.names or ()
     if row == width * step:
         rows = np.frombuffer(data, layout, height * width)
     else:
         rows = np.concatenate([np.frombuffer(data, layout, width, k * row) for k in range(height)])
-    missing = [axis for axis in "xyz" if axis not in (layout.names or ())]
+    missing = [axis for axis in "xyz" if axis not in names]
     if missing:
         raise CloudFormatError(f"PointCloud2: no field {', '.join(missing)}")
-    table: dict[str, NDArray[Any]] = {axis: rows[axis].astype("<f4") for axis in "xyz"}
-    if all(channel in (layout.names or ()) for channel in "rgb"):
-        colours = as_eight_bits(np.stack([rows[channel] for channel in "rgb"], axis=-1))
+    table: Table = {axis: rows[axis].astype("<f4") for axis in "xyz"}
+    colours = colours_of({name: rows[name] for name in names})
+    if colours is not None:
         red, green, blue = colours.astype("<u4").T
         table["rgb"] = (red << 16 | green << 8 | blue).astype("<u4")
-    for name in ("rgb", "rgba"):
-        if name in (layout.names or ()) and layout[name].itemsize == 4:
-            column = np.ascontiguousarray(rows[name])
-            table["rgb"] = column.astype(column.dtype.newbyteorder("<")).view("<u4")
-            break
     header = message.get("header")
     frame_id = header.get("frame_id", "") if isinstance(header, Mapping) else ""
     return write_pcd(table, (height, width), str(frame_id))
@@ -123,12 +120,17 @@ def _layout(message: Mapping[str, Any], step: int) -> np.dtype[Any]:
         kind, offset = _KINDS.get(field.get("datatype", 0)), field.get("offset", 0)
         if kind is None or type(offset) is not int or "name" not in field:
             raise CloudFormatError(f"PointCloud2: unknown field {field!r:.80}")
-        if offset < 0 or offset + int(kind[1]) > step:
+        name = str(field["name"]).lower()
+        # One field of three or four bytes is as good as as many fields.
+        is_three = name in ("rgb", "rgba") and kind == "u1" and field.get("count") in (3, 4)
+        parts = "rgb" if is_three else [name]
+        if offset < 0 or offset + int(kind[1]) * len(parts) > step:
             raise CloudFormatError(f"PointCloud2: field {field['name']} lies outside the point")
-        if str(field["name"]) in ("x", "y", "z", "rgb", "rgba", "r", "g", "b"):
-            names.append(str(field["name"]))
-            formats.append(order + kind)
-            offsets.append(offset)
+        for place, part in enumerate(parts):
+            if part in _POINT_FIELDS:
+                names.append(part)
+                formats.append(order + kind)
+                offsets.append(offset + place)
     try:
         return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
     except ValueError as error:

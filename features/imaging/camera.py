@@ -29,6 +29,7 @@ __all__ = [
     "Lens",
     "align_colour",
     "camera_of_grid",
+    "describes_rectified",
     "frame_of_grid",
     "lens_from_message",
     "lens_of_size",
@@ -39,6 +40,7 @@ __all__ = [
 _MAX_GRID_ERROR_PX = 0.75
 _MIN_GRID_POINTS = 50
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
+_NARROWEST_DEG, _WIDEST_DEG = 0.5, 170.0
 FISHEYE = "equidistant"
 """Distortion model of a fisheye lens, as ROS names it (Kannala and Brandt 2006, k1 to k4)."""
 
@@ -122,6 +124,7 @@ def lens_from_message(message: Mapping[str, Any], is_rectified: bool = False) ->
         if not all(isinstance(pixels, int) for pixels in size):
             raise ValueError(f"width and height must be whole numbers of px, got {size}")
         camera = Intrinsics(size[0], size[1], *numbers)
+        _check_view(camera)
         given = message.get("distortion", message.get("d", message.get("D", ())))
         coefficients = tuple(float(value) for value in (() if given is None else given))
     except KeyError as error:
@@ -136,6 +139,28 @@ def lens_from_message(message: Mapping[str, Any], is_rectified: bool = False) ->
     if any(coefficients) and model not in ("plumb_bob", "rational_polynomial", ""):
         raise ValueError(f"distortion_model {model!r} is not known; undistort the images first")
     return Lens(camera, coefficients)
+
+
+def _check_view(camera: Intrinsics) -> None:
+    """Refuse intrinsics that no camera has: in mm, or as shares of the image."""
+    for focal, centre, side in (
+        (camera.fx, camera.cx, camera.width), (camera.fy, camera.cy, camera.height)
+    ):  # fmt: skip
+        view_deg = float(np.degrees(2 * np.arctan(side / (2 * focal))))
+        if not _NARROWEST_DEG <= view_deg <= _WIDEST_DEG or not -side <= centre <= 2 * side:
+            raise ValueError(
+                f"a focal length of {focal:g} and a centre of {centre:g} over {side} px are no "
+                f"camera's (a view of {view_deg:.3g} degrees): are they in px?"
+            )
+
+
+def describes_rectified(message: Mapping[str, Any]) -> bool:
+    """Whether a ``sensor_msgs/CameraInfo`` says how its rectified image looks.
+
+    Without P, and with a lens that bends lines, K is the best there is, and not quite right.
+    """
+    given = message.get("d", message.get("D", ()))
+    return _projection(message) is not None or not np.any(() if given is None else given)
 
 
 def lens_of_size(lens: Lens, message: Mapping[str, Any], shape: tuple[int, int]) -> Lens:

@@ -14,7 +14,12 @@ from features.codec.ros import image_bytes, pcd_from_point_cloud
 from features.codec.sniff import decode
 from features.codec.types import Cloud
 from features.geometry import Frame
-from features.imaging.camera import Lens, lens_from_message, lens_of_size
+from features.imaging.camera import (
+    Lens,
+    describes_rectified,
+    lens_from_message,
+    lens_of_size,
+)
 from features.imaging.mounting import Mounting
 from features.imaging.photo import Photo, read_photo
 from features.imaging.pictures import (
@@ -213,8 +218,11 @@ class Pairing:
         message = self._cameras.get(_space(topic))
         if message is None:
             return None
+        is_rectified = is_rectified_topic(topic)
+        if is_rectified and not describes_rectified(message):
+            self._warn_once(_space(topic), "its CameraInfo has no P for rectified images: taken K")
         try:
-            lens = lens_from_message(message, is_rectified_topic(topic))
+            lens = lens_from_message(message, is_rectified)
             return lens_of_size(lens, message, (shape[0], shape[1]))
         except ValueError as error:
             self._warn_once(_space(topic), f"its CameraInfo is of no use: {error}")

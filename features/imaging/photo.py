@@ -120,6 +120,8 @@ def _read_with_alpha(data: bytes, size_px: int, max_px: int) -> Photo | None:
         )
     image = _with_four_channels(data)
     if image is None:
+        if data[:2] in (b"II", b"MM"):  # OpenCV drops the alpha of a grey TIFF
+            raise CloudFormatError("a grey TIFF with transparency: save it as PNG")
         return None
     opaque = image[..., 3] > _MOSTLY_OPAQUE
     if not opaque.any() and not data.startswith(b"BM"):  # a bitmap may leave its alpha unused

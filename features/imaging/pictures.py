@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from features.codec.compressed_depth import decode_compressed_depth, is_compressed_depth
 from features.codec.ros import image_bytes, pixels_of_image, raw_data
-from features.geometry import Float64Array, Frame, UInt8Array, finite_depth
+from features.geometry import Float64Array, FloatArray, Frame, UInt8Array, finite_depth
 from features.imaging.camera import Lens, align_colour, undistorted
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "depth_of_message",
     "implausible_cloud",
     "implausible_depth",
+    "implausible_object",
     "view_of_images",
 ]
 
@@ -32,6 +33,8 @@ PAIRED_S = 0.1
 _DEPTH = ("16UC1", "32FC1")
 _NEAREST_M, _FARTHEST_M = 0.05, 10.0
 """Median depth of what a camera at a table may see."""
+_LARGEST_OBJECT_M = 3.0
+"""Median distance of an object's points from their middle; a box of millimetres has some 50."""
 
 
 def implausible_depth(depth_m: NDArray[np.float32]) -> str:
@@ -63,11 +66,26 @@ def implausible_cloud(positions: NDArray[np.float32]) -> str:
     >>> implausible_cloud(np.array([[0, 0, 700], [90, 0, 730], [-80, 10, 690]], np.float32))
     'half of the points lie 81.2 m apart from their middle: are they in another unit?'
     """
+    return _apart(positions, _FARTHEST_M)
+
+
+def implausible_object(positions: FloatArray) -> str:
+    """Return why the unit of the points (n, 3), m, of one object is doubtful; empty if plausible.
+
+    Examples
+    --------
+    >>> implausible_object(np.array([[0, 0, 700], [9, 0, 730], [-8, 10, 690]], np.float32))
+    'half of the points lie 12.8 m apart from their middle: are they in another unit?'
+    """
+    return _apart(positions, _LARGEST_OBJECT_M)
+
+
+def _apart(positions: FloatArray, most_m: float) -> str:
     if not len(positions):
         return ""
     off = np.linalg.norm(positions - np.median(positions, axis=0), axis=1)
     apart = float(np.median(off))
-    if apart <= _FARTHEST_M:
+    if apart <= most_m:
         return ""
     return (
         f"half of the points lie {apart:.3g} m apart from their middle: are they in another unit?"

@@ -25,6 +25,8 @@ _SIDE = re.compile(
     r"(^|[/_])(confidence|disparity|mask|labels?|segmentation|amplitude|intensity)([/_]|$)", re.I
 )
 _COLOURED = re.compile(r"(^|[/_])(rgb|colou?r)([/_\d]|$)", re.I)
+_RECTIFIED = re.compile(r"(^|/)image_rect|(^|[/_])rect(ified)?(/|$)", re.I)
+_OF_DEPTH = re.compile(r"(^|/)depth(_\d+|_image)?(?=/|$)", re.I)
 _ALIGNED = re.compile(r"aligned_depth|depth_registered|depth_to_(rgb|colou?r)", re.I)
 _DEPTH_ENCODINGS = ("16UC1", "32FC1")
 _GREY_ENCODINGS = ("mono8", "8UC1")
@@ -135,13 +137,13 @@ def _give_part(plan: Plan, topic: Topic, has_space: bool) -> None:
     says, encoding = says_depth(topic.name), topic.encoding
     is_depth = encoding.startswith(_DEPTH_ENCODINGS) or "compresseddepth" in encoding.lower()
     is_small = topic.kind.endswith("CompressedImage") and not encoding.startswith("mono16")
-    if not says and is_infrared_topic(topic.name):
+    if is_infrared_topic(topic.name):
         plan.left_out[topic.name] = "infrared, which is neither depth nor colour"
     elif _SIDE.search(topic.name):
         plan.left_out[topic.name] = "by its name neither depth nor colour"
     elif says and (is_depth or encoding == "mono16" or (is_small and "jp" not in encoding.lower())):
         plan.depth[topic.name] = topic
-    elif says and is_small and not _is_colour_beside_depth(topic):
+    elif not is_depth and encoding != "mono16" and _draws_depth(topic.name):
         plan.left_out[topic.name] = f"{encoding} has 8 bits, which is a drawing of depth"
     elif (is_depth and has_space and not says) or encoding.startswith("mono16"):
         plan.left_out[topic.name] = f"{encoding} on a topic that does not say that it carries depth"
@@ -159,6 +161,32 @@ def _is_superseded(plan: Plan, depth: Topic) -> bool:
     return not depth.is_aligned and any(
         other.is_aligned and other.root == depth.root for other in plan.depth.values()
     )
+
+
+def _draws_depth(name: str) -> bool:
+    """Whether a picture of 8 bits shows depth: nothing in its name stands for colour after depth.
+
+    Examples
+    --------
+    >>> [_draws_depth(f"/{name}/image_raw") for name in ("camera/depth", "depth_camera/rgb")]
+    [True, False]
+    """
+    ends = [match.end() for match in (*_OF_DEPTH.finditer(name), *_ALIGNED.finditer(name))]
+    if not ends:
+        return says_depth(_image_name(name))
+    aligned = _ALIGNED.search(name)
+    rest = name[max(ends) :] if aligned is None else name[aligned.end() :].partition("/")[2]
+    return _COLOURED.search(rest) is None
+
+
+def _image_name(topic: str) -> str:
+    """Return the last part of a topic that is no transport.
+
+    >>> _image_name("/camera/depth_vis/compressed")
+    'depth_vis'
+    """
+    parts = topic.strip("/").split("/")
+    return parts[-2] if parts[-1].startswith("compressed") and len(parts) > 1 else parts[-1]
 
 
 def _is_colour_beside_depth(topic: Topic) -> bool:
@@ -199,12 +227,17 @@ def says_depth(topic: str) -> bool:
 def is_infrared_topic(topic: str) -> bool:
     """Whether the name of a topic says that its images are infrared or thermal.
 
+    Where it says depth as well, the word that comes last counts.
+
     Examples
     --------
     >>> is_infrared_topic("/camera/infra1/image_rect_raw"), is_infrared_topic("/camera/first/image")
     (True, False)
+    >>> is_infrared_topic("/camera/depth/ir_image"), is_infrared_topic("/camera/ir/depth_image")
+    (True, False)
     """
-    return _INFRARED.search(topic) is not None
+    last = max((match.start() for match in _INFRARED.finditer(topic)), default=-1)
+    return last >= 0 and last >= topic.lower().rfind("depth")
 
 
 def is_rectified_topic(topic: str) -> bool:
@@ -212,10 +245,11 @@ def is_rectified_topic(topic: str) -> bool:
 
     Examples
     --------
-    >>> is_rectified_topic("/camera/rgb/image_rect_color/compressed")
-    True
+    >>> names = ("rgb/image_rect_color/compressed", "depth_rectified/image", "rectangles/image")
+    >>> [is_rectified_topic(name) for name in names]
+    [True, True, False]
     """
-    return any(part.startswith("image_rect") for part in topic.split("/"))
+    return _RECTIFIED.search(topic) is not None
 
 
 def sensor_of(topic: str) -> str:

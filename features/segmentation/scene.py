@@ -84,6 +84,7 @@ def segment_scene(
     colours: NDArray[np.uint8] | None = None,
     params: SegmentParams | None = None,
     gravity: NDArray[np.floating[Any]] | None = None,
+    viewpoints: NDArray[np.floating[Any]] | None = None,
 ) -> Scene:
     """Find the table and the objects on it.
 
@@ -95,6 +96,8 @@ def segment_scene(
         None = those that suit the distance, see :meth:`SegmentParams.for_distance`.
     gravity : (3,) float or None
         Direction in which things fall, in the optical frame; give it where it is known.
+    viewpoints : (n, 3) float or None, m
+        Camera from which each point was measured, in the frame of the points; None = the origin.
 
     Raises
     ------
@@ -122,7 +125,7 @@ def segment_scene(
         params = params or SegmentParams()
         if params.remove_table:
             return Scene("no_table", None, None, nothing, (), clock.laps)
-        whole = segment_cloud(clean, colours, None, params)
+        whole = segment_cloud(clean, colours, None, params, viewpoints)
         objects = _objects(clean, whole.labels, None)
         return Scene("no_table", None, None, whole.labels, objects, whole.timings_ms)
     params = params or SegmentParams.for_distance(plane.offset)
@@ -132,7 +135,7 @@ def segment_scene(
         reach = params.overhang_m
         prism = with_overhang(clean, prism, heights, params.voxel_m, reach, plane.offset)
     clock.lap("prism")
-    segmented = segment_cloud(clean, colours, prism.mask, params)
+    segmented = segment_cloud(clean, colours, prism.mask, params, viewpoints)
     clock.lap("segment")
     labels = segmented.labels
     if params.join_standing:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from features.segmentation.convexity import patch_graph
 from features.segmentation.merge import contract, convex_components, edge_weights
 from features.segmentation.supervoxels import components, grow_supervoxels
-from features.segmentation.voxels import VoxelGrid, build_voxels
+from features.segmentation.voxels import VoxelGrid, build_voxels, facing
 
 __all__ = [
     "Clock",
@@ -144,6 +144,7 @@ def segment_cloud(
     colours: NDArray[np.uint8] | None = None,
     mask: NDArray[np.bool_] | None = None,
     params: SegmentParams | None = None,
+    viewpoints: NDArray[np.floating[Any]] | None = None,
 ) -> Segmentation:
     """Cut a cloud into objects.
 
@@ -154,6 +155,8 @@ def segment_cloud(
     colours : same leading shape, uint8 RGB, or None
     mask : leading shape, bool, or None
         Points to look at; None = all.
+    viewpoints : (n, 3) float or None, m
+        Camera from which each of the flattened points was measured; None = the origin.
 
     Raises
     ------
@@ -173,6 +176,8 @@ def segment_cloud(
         return Segmentation(none, none - 1, np.zeros(0, np.int64), clock.laps)
     tint = None if colours is None else colours.reshape(-1, 3)
     voxels = build_voxels(flat, tint, params.voxel_m, chosen)
+    if viewpoints is not None:
+        voxels = facing(voxels, viewpoints[chosen])
     clock.lap("voxels")
     of_voxel, patches = _objects_of_voxels(voxels, params, clock)
     sizes = np.bincount(of_voxel, weights=voxels.counts).astype(np.int64)

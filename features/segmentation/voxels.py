@@ -6,14 +6,22 @@ duplicated points do no harm.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["VoxelGrid", "build_voxels", "cell_key", "empty_table", "find_slot", "number_cells"]
+__all__ = [
+    "VoxelGrid",
+    "build_voxels",
+    "cell_key",
+    "empty_table",
+    "facing",
+    "find_slot",
+    "number_cells",
+]
 
 _MIN_EIGENVALUE_M2 = 1e-10
 _AXIS_BITS = 20
@@ -80,6 +88,23 @@ def build_voxels(
     keys, of_point = number_cells(points, chosen, shift, size_m)
     moments, tints = _moments(points, tint, chosen, shift, of_point, len(keys))
     return VoxelGrid(of_point, *_surroundings(keys, moments, tints, shift))
+
+
+def facing(voxels: VoxelGrid, viewpoints: NDArray[np.floating[Any]]) -> VoxelGrid:
+    """Return voxels whose normals face the cameras that saw their points.
+
+    Parameters
+    ----------
+    viewpoints : (n, 3) float, m
+        Of the gathered points, in their order. Of several cameras the middle counts.
+    """
+    sums = [
+        np.bincount(voxels.of_point, weights=viewpoints[:, axis], minlength=len(voxels))
+        for axis in range(3)
+    ]
+    rays = np.stack(sums, axis=-1) / voxels.counts[:, None] - voxels.centroids
+    is_away = np.einsum("vk,vk->v", rays, voxels.normals) < 0
+    return replace(voxels, normals=np.where(is_away[:, None], -voxels.normals, voxels.normals))
 
 
 @numba.njit(cache=True, nogil=True)

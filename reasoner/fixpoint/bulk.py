@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from reasoner.facts import arrays
 from reasoner.facts.arrays import NO_KEYS, Column, Ids, Keys, TooManyRowsError
 from reasoner.facts.equality import Equality, ranking
+from reasoner.fixpoint.ownership import Ownership
 from reasoner.fixpoint.paths import reachable, transitive_property
 from reasoner.rules.rule import Atom, Clash, Condition, Differ, InDatatype, Rule, Step, arrange
 from reasoner.rules.strata import Program
@@ -60,6 +61,7 @@ class Bulk:
         max_facts: int,
         refusal: Callable[[int], ClosureTooLargeError],
         work: Work | None = None,
+        ownership: Ownership | None = None,
     ) -> None:
         self.columns: dict[int, Column] = {}
         self.touched_schema = False
@@ -69,6 +71,8 @@ class Bulk:
         self._refusal = refusal
         self._rows = arrays.MAX_ROWS
         self._work = work
+        self._ownership = ownership or Ownership(None, terms)
+        self._widened: set[int] = set()
         self._merged: Ids = arrays.NO_KEYS
         self._representatives: Ids = arrays.NO_KEYS
 
@@ -292,7 +296,17 @@ class Bulk:
         if head.p == SAME:
             keep &= o < _LITERAL
         p = self._equality.find(head.p)
-        pending[p].append(arrays.distinct(self._represent(arrays.pack(s[keep], o[keep]))))
+        keys = arrays.distinct(self._represent(arrays.pack(s[keep], o[keep])))
+        pending[p].append(self._permitted(keys) if self._ownership.asks(rule) else keys)
+
+    def _permitted(self, keys: Keys) -> Keys:
+        """Return the pairs that a shared value of a key may make one."""
+        members, may_merge = self._equality.members, self._ownership.may_merge
+        pairs = zip(arrays.upper(keys).tolist(), arrays.lower(keys).tolist(), strict=True)
+        permitted: Keys = keys[
+            np.array([may_merge(members(a), members(b)) for a, b in pairs], bool)
+        ]
+        return permitted
 
     def _absorb(self, pending: dict[int, list[Keys]]) -> dict[int, Column]:
         """Merge candidates into the columns; return what is new."""
@@ -331,6 +345,9 @@ class Bulk:
             if self._work is not None:
                 members = self._equality.members
                 self._work.count(len(members(a)) + len(members(b)))
+            owners, members = self._ownership.owners, self._equality.members
+            if owners(members(a)) != owners(members(b)):
+                self._widened.add(winner)
             self._equality.union(winner, loser)
             losers.add(loser)
         return losers
@@ -369,6 +386,8 @@ class Bulk:
             if delta and p in delta:
                 keys = self._represent(delta[p].keys)
                 fresh[self._equality.find(p)].append(arrays.distinct(keys))
+        for p, keys in self._about_widened():
+            fresh[p].append(keys)
         changed = {p: arrays.distinct(np.concatenate(keys)) for p, keys in fresh.items()}
         for p, keys in changed.items():
             changed[p] = keys = _proper(p, keys)
@@ -376,6 +395,18 @@ class Bulk:
             self.columns[p] = Column(arrays.merge(current, keys[~arrays.is_in(keys, current)]))
             self._note_schema(p, keys)
         return {p: Column(keys) for p, keys in changed.items() if len(keys)}
+
+    def _about_widened(self) -> Iterator[tuple[int, Keys]]:
+        """Yield facts about classes that gained owners, of whose known facts keys may tell more."""
+        if not self._widened:
+            return
+        ids = np.array([*map(self._equality.find, self._widened)], np.uint64)
+        self._widened.clear()
+        for p, column in self.columns.items():
+            keys = column.keys
+            hit = np.isin(arrays.upper(keys), ids) | np.isin(arrays.lower(keys), ids)
+            if hit.any():
+                yield p, keys[hit]
 
 
 def _proper(p: int, keys: Keys) -> Keys:

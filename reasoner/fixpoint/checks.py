@@ -66,7 +66,8 @@ def find_new(layer: Layer, terms: Dictionary, program: Program) -> Iterator[Inco
 
 def find_equal(program: Program, equality: Equality) -> Iterator[Inconsistency]:
     """Yield members of lists of different things that are the same (eq-diff2, eq-diff3)."""
-    for different in program.distinct:
+    # With no equal terms, the lists alone decide.
+    for different in program.distinct if equality else program.repeating:
         seen: dict[int, Fact] = {}
         for fact in map(equality.rewrite, different.items):
             other = seen.setdefault(fact[2], fact)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 
 from reasoner.facts.equality import Equality, ranking
 from reasoner.facts.layer import Layer
+from reasoner.fixpoint.ownership import Ownership
 from reasoner.rules.rule import Rule, keys_of, solve
 from reasoner.rules.strata import Program, Stratum
 from reasoner.rules.work import ClosureTooLargeError
@@ -53,6 +54,7 @@ class Derivation:
         max_facts: int,
         is_new: Callable[[Fact], bool],
         allowed: int | None = None,
+        ownership: Ownership | None = None,
     ) -> None:
         self.layer = layer
         self.equality = equality
@@ -62,6 +64,7 @@ class Derivation:
         self.max_facts = max_facts
         self._is_new = is_new
         self._allowed = allowed
+        self._ownership = ownership or Ownership(None, terms)
         self.budget: int | None = None
         self._done = 0
         self._queue: list[Fact] = []
@@ -133,8 +136,15 @@ class Derivation:
                 continue
             env = rule.environment()
             solutions = solve(self.layer, self.terms, rule.steps, env)
-            for head in [rule.conclude(env) for _ in solutions]:
+            for head in self._permitted(rule, [rule.conclude(env) for _ in solutions]):
                 self.insert(head)
+
+    def _permitted(self, rule: Rule, heads: list[Fact]) -> list[Fact]:
+        """Return the conclusions of a rule, of a key only those that its values can tell."""
+        if not heads or not self._ownership.asks(rule):
+            return heads
+        members, may_merge = self.equality.members, self._ownership.may_merge
+        return [(s, p, o) for s, p, o in heads if may_merge(members(s), members(o))]
 
     def trigger(self, stratum: Stratum, facts: Iterable[Fact]) -> None:
         """Fire a stratum's rules on facts of lower strata that were added."""
@@ -181,7 +191,7 @@ class Derivation:
             for trigger in stratum.triggers.get(key, ()):
                 rule = trigger.rule
                 instances = trigger.fire(layer, self.terms, fact)
-                heads = [rule.conclude(env) for env in instances]
+                heads = self._permitted(rule, [rule.conclude(env) for env in instances])
                 if layer.work is not None:
                     layer.work.count(len(heads))
                 self._done += len(heads)
@@ -203,6 +213,11 @@ class Derivation:
         work = self.layer.work
         if work is not None:
             work.count(len(self.equality.members(a)) + len(self.equality.members(b)))
+        if self._ownership.owners(self.equality.members(a)) != self._ownership.owners(
+            self.equality.members(b)
+        ):
+            # With more owners, keys may tell more of what was known.
+            self._queue += self.layer.about(winner)
         self.equality.union(winner, loser)
         if loser in self._program.constants:
             log.info("%s is now %s: recompiling", self.terms.iri(loser), self.terms.iri(winner))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 from reasoner.facts.equality import Equality
@@ -22,6 +22,7 @@ from reasoner.fixpoint.checks import (
 from reasoner.fixpoint.deletion import CannotRetractError, Retraction, candidates
 from reasoner.fixpoint.delta import Derivation, TooMuchWorkError
 from reasoner.fixpoint.memo import Memo, Question
+from reasoner.fixpoint.ownership import Ownership
 from reasoner.rules.compile import compile_lists, compile_schema
 from reasoner.rules.rule import Rule, solve
 from reasoner.rules.schema import CLOSING_RULES, SchemaProblem
@@ -58,6 +59,7 @@ class Settings:
     keep_ill_typed: bool
     user_rules: tuple[str | LabelledRule, ...]
     budget: ChangeBudget | None = None
+    owner: Callable[[str], str | None] | None = None
 
 
 @dataclass
@@ -120,6 +122,7 @@ class Maintainer:
     def __init__(self, terms: Dictionary, settings: Settings) -> None:
         self.terms = terms
         self.settings = settings
+        self.ownership = Ownership(settings.owner, terms)
 
     def draft(
         self,
@@ -337,7 +340,7 @@ class Maintainer:
 
     def _bulk(self, draft: Draft, derivation: Derivation, equality: Equality) -> Bulk:
         most, work = derivation.max_facts, draft.layer.work
-        return Bulk(self.terms, equality, most, derivation.refusal, work)
+        return Bulk(self.terms, equality, most, derivation.refusal, work, self.ownership)
 
     def _derivation(
         self, layer: Layer, equality: Equality, asserted: Asserted, max_facts: int
@@ -350,7 +353,16 @@ class Maintainer:
         budget = self.settings.budget
         allowed = None if budget is None or max_facts >= self.settings.max_facts else budget.derived
         is_new = asserted.added.__contains__
-        return Derivation(layer, equality, self.terms, is_asserted, max_facts, is_new, allowed)
+        return Derivation(
+            layer,
+            equality,
+            self.terms,
+            is_asserted,
+            max_facts,
+            is_new,
+            allowed,
+            self.ownership,
+        )
 
 
 class _Revision:

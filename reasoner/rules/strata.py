@@ -220,6 +220,11 @@ class Program:
             self.by_head[rule.head.key].append(rule)
         self.constants = frozenset(constants_of(self.rules))
 
+    @cached_property
+    def repeating(self) -> tuple[Distinct, ...]:
+        """The lists of different individuals that name one of them twice."""
+        return tuple(d for d in self.distinct if len({f[2] for f in d.items}) < len(d.items))
+
     def _level_of_key(self, key: int) -> int:
         return self._levels.get(key, self._levels.get(TYPE, 0) if key < 0 else 0)
 

@@ -11,7 +11,8 @@ import importlib
 import importlib.metadata
 import importlib.util
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -97,8 +98,12 @@ _SECTIONS = {
 """Sections of the help, by what one wants to do; a command of another package comes last."""
 
 
-def _targets() -> dict[str, str]:
-    """Return where each command is defined, as ``module:attribute``."""
+@cache
+def _targets() -> Mapping[str, str]:
+    """Return where each command is defined, as ``module:attribute``.
+
+    What is installed is read once: that takes longer than most commands.
+    """
     targets = dict(_BUILT_IN)
     for entry in importlib.metadata.entry_points(group="rtask.commands"):
         targets.setdefault(entry.name, entry.value)
@@ -145,10 +150,10 @@ class LazyGroup(click.Group):
                 with formatter.section(title):
                     formatter.write_dl(rows)
 
-    def _has(self, name: str, targets: dict[str, str]) -> bool:
+    def _has(self, name: str, targets: Mapping[str, str]) -> bool:
         return name in targets or name in self.commands
 
-    def _summary(self, name: str, targets: dict[str, str]) -> str:
+    def _summary(self, name: str, targets: Mapping[str, str]) -> str:
         if name in targets:
             return short_help(targets[name])
         return (self.commands[name].help or "").partition("\n")[0]

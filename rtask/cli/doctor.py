@@ -242,6 +242,29 @@ def _axioms(folder: Path) -> Finding:
     return Finding("axioms", "note", detail, "keep them, or remove them with rtask update")
 
 
+def _contested(folder: Path) -> Finding:
+    """Values of keys that things of several robots have, of which one may be wrong."""
+    import rtask
+    from rtask.errors import RtaskError
+    from rtask.kb.commit.foreign.claims import contested_keys
+
+    if not folder.exists():
+        return Finding("keys", "ok", "none contested")
+    try:
+        with rtask.open(folder, mode="r") as kb:
+            contested = contested_keys(kb.store, kb.graphs)
+    except RtaskError:
+        return Finding("keys", "note", "not looked at: the store does not open")
+    if not contested:
+        return Finding("keys", "ok", "none contested")
+    return Finding(
+        "keys",
+        "note",
+        f"{len(contested)} contested, e.g. {contested[0]}",
+        "withdraw the wrong one, or state with rtask update that they are the same (owl:sameAs)",
+    )
+
+
 def _set_aside(folder: Path) -> Finding:
     """Statements in quarantine, which contradicted others or those of a name's owner."""
     import rtask
@@ -281,6 +304,7 @@ def examine(data: Path | None, port: int) -> Iterator[Finding]:
         checks.append(lambda: _store(data))
         checks.append(lambda: examine_clock(data))
         checks.append(lambda: _axioms(data))
+        checks.append(lambda: _contested(data))
         checks.append(lambda: _set_aside(data))
     for check in checks:
         yield check()

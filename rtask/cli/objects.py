@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,10 @@ from rtask.cli.options import (
     announce_undo,
     confirm_final,
     data_option,
-    exit_if_empty,
     json_option,
     listing_option,
     print_json,
+    print_listing,
     server_option,
     shown_parts,
     shown_rows,
@@ -67,14 +68,14 @@ def list_(data: Path, server: str | None, limit: int | None, as_json: bool) -> N
     from rtask.rdf.namespaces import PREFIXES
 
     with open_graph(data, server) as kb:
-        rows = shown_rows(kb.select(PREFIXES + _OBJECTS).to_dicts(), limit, as_json)
-    if as_json:
-        print_json(rows)
-    for row in [] if as_json else rows:
+        rows = kb.select(PREFIXES + _OBJECTS).to_dicts()
+
+    def line(row: Mapping[str, Any]) -> str:
         kind = f" ({row['kind']})" if row["kind"] else ""
         counts = f"{row['views']:4d} views  {row['grasps']:4d} grasps"
-        click.echo(f"{counts}  {row['name'] or '-'}{kind}  {row['object']}")
-    exit_if_empty(rows, "no objects yet; `rtask teach` shows one")
+        return f"{counts}  {row['name'] or '-'}{kind}  {row['object']}"
+
+    print_listing(rows, limit, as_json, line, "no objects yet; `rtask teach` shows one")
 
 
 @objects.command()

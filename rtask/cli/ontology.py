@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +13,10 @@ from rtask.cli.connection import open_graph, open_to_change
 from rtask.cli.options import (
     announce_undo,
     data_option,
-    exit_if_empty,
     json_option,
     listing_option,
     print_json,
+    print_listing,
     resource,
     server_option,
     shown_parts,
@@ -60,14 +61,11 @@ def list_loaded(data: Path, server: str | None, limit: int | None, as_json: bool
 
     with open_graph(data, server) as kb:
         loaded = kb.select(prologue({"rt": vocabulary.NS}) + _LOADED).to_dicts()
-    rows = shown_rows(loaded, limit, as_json)
-    if as_json:
-        print_json(rows)
-    else:
-        for row in rows:
-            version = row["version"] or "-"
-            click.echo(f"{row['statements']:6d}  {version:8s}  {row['ontology']}")
-    exit_if_empty(rows, "no ontologies")
+
+    def line(row: Mapping[str, Any]) -> str:
+        return f"{row['statements']:6d}  {row['version'] or '-':8s}  {row['ontology']}"
+
+    print_listing(loaded, limit, as_json, line, "no ontologies")
 
 
 @ontology.command()

@@ -33,6 +33,7 @@ __all__ = [
     "listing_option",
     "prefixes",
     "print_json",
+    "print_listing",
     "read_text",
     "resource",
     "server_option",
@@ -160,6 +161,38 @@ def shown_rows(
     if limit not in (None, sys.maxsize) or len(rows) > bound:
         announce_more(max(0, len(rows) - bound), "earlier" if newest else "more", what)
     return list(rows[max(0, len(rows) - bound) :] if newest else rows[:bound])
+
+
+def print_listing(
+    rows: Sequence[Row],
+    limit: int | None,
+    as_json: bool,
+    line: Callable[[Row], str],
+    nothing: str | None = None,
+    *,
+    to_data: Callable[[Row], Any] = lambda row: row,
+    default: int = _LINES,
+) -> None:
+    """Print a listing, and exit with code 1 if it is empty.
+
+    Parameters
+    ----------
+    limit, default
+        See :func:`shown_rows`.
+    line
+        Returns a row as text.
+    nothing
+        Printed to standard error if there is no row.
+    to_data
+        Returns a row as JSON data.
+    """
+    shown = shown_rows(rows, limit, as_json, default=default)
+    if as_json:
+        print_json([to_data(row) for row in shown])
+    else:
+        for row in shown:
+            click.echo(line(row))
+    exit_if_empty(shown, nothing)
 
 
 class RowsAsTheyCome:

@@ -12,12 +12,11 @@ from rtask.cli.options import (
     announce_final,
     announce_undo,
     data_option,
-    exit_if_empty,
     json_option,
     listing_option,
     print_json,
+    print_listing,
     shown_parts,
-    shown_rows,
 )
 
 if TYPE_CHECKING:
@@ -50,12 +49,7 @@ def list_command(
             for proposal in kb.proposals.find(author=author)
             if state is None or proposal.state == state
         ]
-    matching = shown_rows(matching, limit, as_json)
-    if as_json:
-        print_json([proposal.to_dict() for proposal in matching])
-    for proposal in () if as_json else matching:
-        click.echo(_line(proposal))
-    exit_if_empty(matching)
+    print_listing(matching, limit, as_json, _line, to_data=lambda proposal: proposal.to_dict())
 
 
 @proposals.command()

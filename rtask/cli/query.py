@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,9 +23,9 @@ from rtask.cli.options import (
     listing,
     prefixes,
     print_json,
+    print_listing,
     read_text,
     server_option,
-    shown_rows,
 )
 from rtask.cli.progress import Working
 from rtask.cli.things import reader_at
@@ -344,15 +344,13 @@ def search(
                 {"iri": h.subject.value, "text": h.text, "language": h.language, "score": h.score}
                 for h in hits
             ]
-    rows = shown_rows(rows, limit, as_json, default=_HITS)
-    if as_json:
-        print_json(rows)
-    else:
-        for row in rows:
-            tag = f"@{row['language']}" if row["language"] else ""
-            text = " ".join(str(row["text"]).split())
-            click.echo(f"{row['iri']}  {text[:100]}{tag}")
-    exit_if_empty(rows, "nothing found")
+
+    def line(row: Mapping[str, Any]) -> str:
+        tag = f"@{row['language']}" if row["language"] else ""
+        text = " ".join(str(row["text"]).split())
+        return f"{row['iri']}  {text[:100]}{tag}"
+
+    print_listing(rows, limit, as_json, line, "nothing found", default=_HITS)
 
 
 def _search_server(kb: Graph, words: str, cls: object, lang: str | None) -> list[dict[str, object]]:

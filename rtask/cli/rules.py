@@ -13,12 +13,11 @@ from rtask.cli.options import (
     agent_option,
     announce_undo,
     data_option,
-    exit_if_empty,
     json_option,
     listing_option,
     print_json,
+    print_listing,
     server_option,
-    shown_rows,
 )
 from rtask.cli.progress import announce_compilation
 from rtask.cli.things import name_or_iri
@@ -108,13 +107,14 @@ def add(
 @json_option
 def list_rules(data: Path, server: str | None, limit: int | None, as_json: bool) -> None:
     """List the rules of the user with author and date."""
-    stored = shown_rows(_present(data, server), limit, as_json)
-    if as_json:
-        print_json([rule.to_dict() for rule in stored])
-    else:
-        for rule in stored:
-            click.echo(f"{rule.label:32s} {_origin(rule)}  {rule.comment}".rstrip())
-    exit_if_empty(stored, "no rules of a user yet; `rtask rules add` adds one")
+    print_listing(
+        _present(data, server),
+        limit,
+        as_json,
+        lambda rule: f"{rule.label:32s} {_origin(rule)}  {rule.comment}".rstrip(),
+        "no rules of a user yet; `rtask rules add` adds one",
+        to_data=lambda rule: rule.to_dict(),
+    )
 
 
 @rules.command()

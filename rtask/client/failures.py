@@ -11,9 +11,9 @@ from rtask.errors import (
     AuthenticationError,
     CallFailedError,
     ForbiddenError,
-    MissingDataError,
     RtaskError,
 )
+from rtask.wire.dataset_words import in_words_of
 
 if TYPE_CHECKING:
     import httpx
@@ -55,7 +55,7 @@ def error_of(status: int, words: str, may_pass: bool, resource: object = None) -
     if status == 403:
         return ForbiddenError(words)
     if isinstance(resource, str):
-        words = MissingDataError.in_words_of(words, resource, "data=")
+        words = in_words_of(words, resource, "data=")
         return CallFailedError(words, http_status=status, transient=may_pass, resource=resource)
     return CallFailedError(words, http_status=status, transient=may_pass)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import datetime as dt
 import decimal
+import re
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import TypeAlias
@@ -54,6 +55,14 @@ _INTEGERS = (
     "negativeInteger unsignedLong unsignedInt unsignedShort unsignedByte"
 )
 _INTEGER_TYPES = {XSD + name for name in _INTEGERS.split()}
+_CANONICAL = {
+    XSD + "integer": re.compile(r"0|-?[1-9][0-9]{0,17}"),
+    XSD + "dateTime": re.compile(
+        r"[1-9][0-9]{3}-[01][0-9]-[0-3][0-9]T(?:[01][0-9]|2[0-3]):[0-5][0-9]:[0-5][0-9]"
+        r"(?:\.[0-9]{0,8}[1-9])?Z"
+    ),
+}
+"""Spellings that the store keeps as they are, whether they have a value or not."""
 
 
 def iri(value: NamedNode | str) -> NamedNode:
@@ -186,7 +195,11 @@ def stored(term: Term) -> Term:
     '"1"^^<http://www.w3.org/2001/XMLSchema#integer>'
     """
     if isinstance(term, Literal):
-        if term.language is not None or term.datatype.value in _PLAIN:
+        datatype = term.datatype.value
+        if term.language is not None or datatype in _PLAIN:
+            return term
+        canonical = _CANONICAL.get(datatype)
+        if canonical is not None and canonical.fullmatch(term.value):
             return term
         return _stored_literal(term)
     if isinstance(term, Triple):

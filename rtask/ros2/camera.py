@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from rtask.interop.ros.convert import JsonObject, mapping_of
@@ -9,7 +10,9 @@ from rtask.interop.ros.views.newest import NewestView
 from rtask.ros2.clouds import cloud_json
 from rtask.ros2.qos import latched, sensor_data
 
-__all__ = ["CameraTopics"]
+__all__ = ["CameraTopics", "is_rectified"]
+
+_RECTIFIED = re.compile(r"(^|/)image_rect|(^|[/_])rect(ified)?(/|$)", re.I)
 
 
 class CameraTopics(NewestView[JsonObject]):
@@ -61,10 +64,17 @@ class CameraTopics(NewestView[JsonObject]):
     def read_images(self, depth: Any, colour: Any, info: Any) -> JsonObject:
         """Return the request's part of a depth image and the colour image that belongs to it."""
         name = "depth" if hasattr(depth, "encoding") else "depth_compressed"
-        parts = self.topic(name).split("/")
         return {
             "depth": mapping_of(depth),
             "image": mapping_of(colour),
             "camera_info": mapping_of(info),
-            "is_rectified": any(part.startswith("image_rect") for part in parts),
+            "is_rectified": is_rectified(self.topic(name)),
         }
+
+
+def is_rectified(topic: str) -> bool:
+    """Whether images of a topic were rectified before they were published.
+
+    The rule is that of :mod:`features.imaging.topics`, which a node need not have installed.
+    """
+    return _RECTIFIED.search(topic) is not None

@@ -289,7 +289,7 @@ class Call:
         ----------
         form
             How its caller names datasets, as in
-            :meth:`rtask.errors.MissingDataError.with_example`.
+            :func:`rtask.wire.dataset_words.with_example`.
 
         Raises
         ------
@@ -356,7 +356,7 @@ class Invocation:
     parent
         The call on whose behalf this one is made; None = it is made for itself.
     data_form
-        How the caller names datasets, as in :meth:`rtask.errors.MissingDataError.with_example`.
+        How the caller names datasets, as in :func:`rtask.wire.dataset_words.with_example`.
     """
 
     service: str

@@ -39,6 +39,7 @@ from rtask.services.registry import Registry
 from rtask.services.resources import Files, GraphResource, Resource, WritableFiles
 from rtask.services.service import Service
 from rtask.services.task import Mapped, Task
+from rtask.wire.dataset_words import with_example
 from rtask.wire.effect import strongest
 from rtask.wire.message import Answer, read
 
@@ -368,9 +369,7 @@ class ServiceHost:
         for name, need in mapped.items():
             if name not in data and need.default is None:
                 words = f"{definition.exact} needs a dataset for {name!r}"
-                raise MissingDataError(
-                    MissingDataError.with_example(words, name, form), resource=name
-                )
+                raise MissingDataError(with_example(words, name, form), resource=name)
         bound = []
         for name, need in sorted(mapped.items()):
             try:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 
 from rtask.errors import QuerySyntaxError
 from rtask.sparql.lexer import find_block_end, tokenise
@@ -15,6 +16,8 @@ from rtask.sparql.misspelt import misplaced
 from rtask.sparql.tokens import Token, line_and_column
 
 __all__ = ["Block", "Operation", "Target", "read_update"]
+
+_READ_AGAIN = 4_000
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,16 @@ def read_update(text: str) -> Update:
     QuerySyntaxError
         The text does not parse; gives line and column.
     """
+    return _recent(text) if len(text) <= _READ_AGAIN else _read(text)
+
+
+@lru_cache(maxsize=16)
+def _recent(text: str) -> Update:
+    """Return the outline of a short text; on its way to the store each is read a few times."""
+    return _read(text)
+
+
+def _read(text: str) -> Update:
     reader = _Reader(text)
     operations = reader.operations()
     body = text

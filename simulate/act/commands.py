@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtask.errors import RobotError, UsageError
+from rtask.scratch import ScratchFolder
 from simulate import options
 from simulate.world.quiet import banner_on_stderr
 
@@ -185,7 +186,6 @@ def act_serve(
     Its arms also follow trajectories, as actions <arm>_controller/follow_joint_trajectory.
     The robot's token is taken from the environment variable RTASK_TOKEN.
     """
-    import tempfile
 
     address = url or server
     if not address:
@@ -199,8 +199,8 @@ def act_serve(
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupt)
-    with _cell(robot, gui) as cell, tempfile.TemporaryDirectory(prefix="rtask-assets-") as folder:
-        standing = lay_objects(cell, objects, seed, Path(folder))
+    with _cell(robot, gui) as cell, ScratchFolder("assets") as folder:
+        standing = lay_objects(cell, objects, seed, folder)
         provider = ActProvider(
             ActService(cell, name, seed), address, name or robot, os.environ.get("RTASK_TOKEN")
         )

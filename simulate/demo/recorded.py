@@ -6,7 +6,6 @@ import io
 import json
 import shutil
 import tarfile
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from urllib.parse import quote
 import click
 
 from rtask.errors import RtaskError, UsageError
+from rtask.scratch import ScratchFolder
 from simulate.demo.processes import Endpoint, run_rtask
 from simulate.demo.report_page import report_page
 
@@ -43,8 +43,7 @@ def pack(data: Path, archive: Path) -> None:
     """
     result = json.loads((data / _REPORT / "report.json").read_text("utf-8"))
     result |= {"store": _STORE, "url": ""}
-    with tempfile.TemporaryDirectory(prefix="rtask-record-") as place:
-        copy = Path(place)
+    with ScratchFolder("record") as copy:
         run_rtask("backup", "--data", str(data / _STORE), str(copy / _STORE))
         shutil.copytree(data / _REPORT, copy / _REPORT)
         text = json.dumps(result, indent=1) + "\n"
@@ -91,8 +90,8 @@ def unpack(folder: Path, archive: Path = RECORDED) -> dict[str, Any]:
             raise RtaskError(f"{archive} is missing; `rtask demo --record FILE` makes such a file")
         folder.parent.mkdir(parents=True, exist_ok=True)
         # Beside it first: a half of it would be taken for the whole the next time.
-        with tempfile.TemporaryDirectory(prefix=".rtask-", dir=folder.parent) as place:
-            whole = Path(place) / "whole"
+        with ScratchFolder("recorded", folder.parent) as place:
+            whole = place / "whole"
             with tarfile.open(archive) as tar:
                 tar.extractall(whole, filter="data")
             whole.replace(folder)

@@ -12,7 +12,6 @@ import logging
 import math
 import os
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -26,6 +25,7 @@ from features.geometry import Frame
 from features.perception import Seen
 from rtask.client import Client
 from rtask.errors import RtaskError
+from rtask.scratch import ScratchFolder
 from simulate.agent.agent import Agent, AgentConfig
 from simulate.agent.encounter import Encounter
 from simulate.agent.frame_topic import FramePublisher
@@ -190,8 +190,8 @@ def main() -> None:
     job = RobotJob(**json.loads(sys.argv[1]))
     tell = EventWriter(events)
     try:
-        with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
-            body = make_body(job, Path(assets))
+        with ScratchFolder("assets") as assets:
+            body = make_body(job, assets)
             try:
                 _run(job, body, tell)
             finally:

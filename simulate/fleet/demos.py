@@ -19,7 +19,6 @@ The rules by which a change is judged:
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -31,6 +30,7 @@ from numpy.typing import NDArray
 import rtask
 from rtask.errors import UsageError
 from rtask.knowledge_base import KnowledgeBase
+from rtask.scratch import ScratchFolder
 from simulate.demo.lessons import lessons_of
 from simulate.demo.orchestrate import Settings
 from simulate.demo.processes import RobotJob
@@ -131,10 +131,10 @@ def _work(kb: KnowledgeBase, settings: Mapping[str, Any], seed: int, index: int)
         products=str(settings["products"]),
     )  # fmt: skip
     with (
-        tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets,
+        ScratchFolder("assets") as assets,
         rtask.connect(kb, agent=job.name) as client,
     ):
-        body = make_body(job, Path(assets))
+        body = make_body(job, assets)
         try:
             done = clear_table(job, body, client, tell=lambda event, about: None)
         finally:

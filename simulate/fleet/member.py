@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -21,6 +20,7 @@ import rtask
 from features.perception import Seen
 from rtask.client import Client
 from rtask.errors import RemoteUnavailableError, RtaskError
+from rtask.scratch import ScratchFolder
 from simulate.agent.agent import Agent, AgentConfig, Server
 from simulate.agent.encounter import Encounter
 from simulate.agent.scoring import Scorer
@@ -163,12 +163,12 @@ def main() -> None:
     token = os.environ.get("RTASK_TOKEN")
     try:
         with (
-            tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets,
+            ScratchFolder("assets") as assets,
             rtask.connect(
                 job.url, token=token, timeout_s=_CALL_TIMEOUT_S, outbox=Path(job.outbox)
             ) as client,
         ):
-            Member(job, client, EventWriter(events), Path(assets)).work(lines)
+            Member(job, client, EventWriter(events), assets).work(lines)
     except RtaskError as error:
         sys.exit(f"{job.name}: {error}")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, cast
 import rtask
 from features.perception import perceive
 from rtask.client import Client
+from rtask.scratch import ScratchFolder
 from simulate.agent.agent import AgentConfig
 from simulate.agent.fetcher import Fetcher, RequestServer
 from simulate.agent.messages import pose_message
@@ -63,7 +63,7 @@ def carry_out(request: Request) -> dict[str, Any]:
     learns it. What was in the way may lie there as well.
     """
     with ExitStack() as stack:
-        assets = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rtask-assets-")))
+        assets = stack.enter_context(ScratchFolder("assets"))
         target: Any = request.url or stack.enter_context(rtask.open(request.data or ":memory:"))
         if request.taught:
             _teach(request, target, assets)

@@ -8,7 +8,6 @@ depends on real time, so a trial is determined by its seed and number alone.
 
 from __future__ import annotations
 
-import tempfile
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 import rtask
 from rtask.errors import UsageError
 from rtask.knowledge_base import KnowledgeBase
+from rtask.scratch import ScratchFolder
 from simulate.demo.report import attempts_to_success
 from simulate.fleet.assignment import FleetPlan, MemberJob, plan_fleet
 from simulate.fleet.figures import objects_tried, recognised_products, score_identities
@@ -132,10 +132,10 @@ def _life(kb: KnowledgeBase, settings: Mapping[str, Any], seed: int, index: int)
         robot=str(kinds[index % len(kinds)]), look_alikes=index > 0 and settings["look_alikes"],
     )  # fmt: skip
     with (
-        tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets,
+        ScratchFolder("assets") as assets,
         rtask.connect(kb, agent=name) as client,
     ):
-        member = Member(job, client, lambda event, about: None, Path(assets))
+        member = Member(job, client, lambda event, about: None, assets)
         tables = [member.clear(number) for number in range(len(job.tables))]
     return {"name": name, "tables": tables}
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import sys
-import tempfile
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -22,6 +21,7 @@ from rtask.cli.options import (
     shown_rows,
 )
 from rtask.errors import RobotError, UsageError
+from rtask.scratch import ScratchFolder
 from simulate import options
 from simulate.drivers.commands import reach
 
@@ -234,9 +234,9 @@ def check(name: str, grasps: int, seed: int, preset: str, workers: int, as_json:
     with banner_on_stderr():
         findings = list(check_robot_body(described, seed))
         if grasps:
-            with tempfile.TemporaryDirectory(prefix="rtask-robot-") as folder:
+            with ScratchFolder("robot") as folder:
                 finding, rows = check_grasps(
-                    name, grasps, Path(folder), preset=preset, seed=seed, workers=workers
+                    name, grasps, folder, preset=preset, seed=seed, workers=workers
                 )
             findings.append(finding)
     passed = all(finding.passed for finding in findings)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rtask.errors import RobotError, RtaskError
+from rtask.scratch import ScratchFolder
 from simulate.onboarding.check import check_closing, check_grasps
 from simulate.onboarding.guess import NoHandError, guess_robot
 from simulate.robots.robot_files import save_robot
@@ -95,10 +95,10 @@ def first_grasps(
         Of the physics, the products and the processes.
     """
     for file in files:
-        with tempfile.TemporaryDirectory(prefix="rtask-robot-") as folder:
+        with ScratchFolder("robot") as folder:
             try:
-                with _robots_in(Path(folder)):
-                    yield _tried(file, Path(folder), gripper, grasps, preset, seed, workers)
+                with _robots_in(folder):
+                    yield _tried(file, folder, gripper, grasps, preset, seed, workers)
             except RtaskError as error:
                 yield FirstGrasps(str(file), str(error))
 

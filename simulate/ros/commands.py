@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -14,6 +13,7 @@ from rtask.cli.options import print_json
 from rtask.cli.ros.node import end_on_signals
 from rtask.cli.ros.schema import engine_schema
 from rtask.errors import RemoteUnavailableError, RobotError
+from rtask.scratch import ScratchFolder
 from simulate import options
 from simulate.drivers.rclpy_node import ros_arguments
 
@@ -132,9 +132,9 @@ def _show(
 
     with (
         Workcell(robot, preset) as cell,
-        tempfile.TemporaryDirectory(prefix="rtask-assets-") as folder,
+        ScratchFolder("assets") as folder,
     ):
-        standing = lay_objects(cell, objects, seed, Path(folder))
+        standing = lay_objects(cell, objects, seed, folder)
         cell.robot.look(look)
         if min(joints_hz, frames_hz) <= 0:
             raise RobotError("--joints-hz, --frames-hz: expected rates above 0")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +12,7 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from rtask.errors import RobotError, ServiceError, nearest
+from rtask.scratch import ScratchFolder
 from rtask.services import Service, data_resource, method, startup
 from rtask.wire.message import Answer
 from rtask.wire.types import Array, Bytes, Number, Pose, Unit, Whole
@@ -197,8 +197,8 @@ class Kinematics(Service):
         urdf
             The model; meshes are not needed.
         """
-        with tempfile.TemporaryDirectory() as folder:
-            model = Path(folder) / "model"
+        with ScratchFolder("model") as folder:
+            model = folder / "model"
             model.write_bytes(urdf)
             try:
                 chains, tips = read_chains(model)

@@ -7,15 +7,14 @@ afterwards, for scoring.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
 import rtask
 from features.perception import Seen
+from rtask.scratch import ScratchFolder
 from simulate.agent.agent import Agent, AgentConfig, Server
 from simulate.agent.encounter import Encounter
 from simulate.agent.scoring import Scorer
@@ -47,8 +46,8 @@ def grasping_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         lighting=Lighting.sample(stream(seed, _LIGHT, number)),
         noise_seed=(seed, _NOISE, number),
     )
-    with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
-        body = SimulatedBody([placement], Path(assets), conditions)
+    with ScratchFolder("assets") as assets:
+        body = SimulatedBody([placement], assets, conditions)
         try:
             encounters, attempts, errors, in_reach = _clear(body, settings, seed, number)
         finally:

@@ -7,7 +7,6 @@ grasp errors vary widely, so that many of them fail.
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from rtask.scratch import ScratchFolder
 from simulate.agent.scoring import watch_attempts
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import GraspRequest, PlannedGrasp
@@ -98,12 +98,12 @@ def filling_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         for k in rng.integers(len(kinds), size=_IN_A_BOX)
     ]
     attempts = []
-    with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
-        body = SimulatedBody([], Path(assets), _conditions(settings, number))
+    with ScratchFolder("assets") as assets:
+        body = SimulatedBody([], assets, _conditions(settings, number))
         try:
             for spec in specs:
                 for _ in range(_DRAWS):
-                    tried = _put_into_box(body, spec, side, rng, Path(assets), number)
+                    tried = _put_into_box(body, spec, side, rng, assets, number)
                     if tried["planned"]:
                         break
                 attempts.append({"product": spec.name, **tried})
@@ -168,8 +168,8 @@ def _judged(
 ) -> dict[str, Any]:
     """Try one grasp of an object at a place."""
     seed = int(settings["seed"])
-    with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
-        body = SimulatedBody([placement], Path(assets), _conditions(settings, number))
+    with ScratchFolder("assets") as assets:
+        body = SimulatedBody([placement], assets, _conditions(settings, number))
         try:
             error = stream(seed, _ERROR, number) if difficult else None
             return _attempt(body, grasp_across(body, placement, error), mix_seed(seed, number))

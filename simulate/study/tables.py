@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import statistics
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import rtask
 from features.codec import encode_frame, to_wire
 from features.perception import Seen, perceive
+from rtask.scratch import ScratchFolder
 from simulate.agent.messages import pose_message
 from simulate.agent.scoring import Scorer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
@@ -85,9 +85,9 @@ def fill(client: rtask.client.Client, objects: int, seed: int) -> dict[str, list
     specs = sample_objects(stream(seed, _PRODUCTS), objects)
     tables = [specs[i : i + _ON_TABLE] for i in range(0, objects, _ON_TABLE)]
     tables_by_product: dict[str, list[ObjectSpec]] = {}
-    with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
+    with ScratchFolder("assets") as assets:
         for number, table in enumerate(tables):
-            for name, request, _ in looks_at(table, seed, number, Path(assets)):
+            for name, request, _ in looks_at(table, seed, number, assets):
                 client.insert_object(objects=[{**request, "name": name, "merge": False}])
                 tables_by_product[name] = table
     return tables_by_product
@@ -104,9 +104,9 @@ def retrieval_times(
     """
     chosen = sorted(stored)[:: max(len(stored) // len(TABLE_4), 1)][: len(TABLE_4)]
     rows = []
-    with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
+    with ScratchFolder("assets") as assets:
         for label, name in zip(TABLE_4, chosen, strict=False):
-            again = looks_at(stored[name], seed, 10_000, Path(assets))
+            again = looks_at(stored[name], seed, 10_000, assets)
             request = next((r for seen, r, _ in again if seen == name), None)
             if request is None:
                 continue
@@ -146,8 +146,8 @@ def time_retrievals(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
 def table_4_times(objects: int, seed: int, repeats: int) -> list[dict[str, Any]]:
     """Return the times of :func:`simulate.study.tables.retrieval_times` of a server of our own."""
-    with tempfile.TemporaryDirectory(prefix="rtask-table-") as folder:
-        endpoint = Endpoint(Path(folder) / "store", 0, Path(folder) / "log")
+    with ScratchFolder("table") as folder:
+        endpoint = Endpoint(folder / "store", 0, folder / "log")
         try:
             with rtask.connect(endpoint.url) as client:
                 hands = [
@@ -214,8 +214,8 @@ def _timed_grasp(kind: Kind, seed: int, number: int, preset: str) -> dict[str, f
     spec = product(kind, int(rng.integers(200)))
     (place,) = arrange([spec], rng, [(-1, 1)[number % 2]])
     along, across, height = spec.extent
-    with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
-        body = SimulatedBody([place], Path(assets), Conditions(preset=preset))
+    with ScratchFolder("assets") as assets:
+        body = SimulatedBody([place], assets, Conditions(preset=preset))
         try:
             pose = body.world.object_pose(body.laid[0].body)
             request = GraspRequest(

@@ -74,8 +74,8 @@ ENTRIES = (
     _shown("experiment", "success", "2, 5", "success over trials, which chapter 5 announces",
            run="success:success"),
     _ours("experiment", "two-sensors", "3.3.3", "grasps from one or two sensors",
-          why="grasp.spatial.grasp_plan takes a cloud of several views with the camera of each; "
-          "segmentation takes one frame"),
+          why="segmentation (rtask segment --also-at, segment_views) and grasp.spatial.grasp_plan "
+          "take several views with the camera of each"),
     _ours("listing", "messages", "3.2.4", "messages of the websocket",
           why="taken word for word (tests/clients), and declared with types: docs/transmission.md"),
     _ours("listing", "launch", "2.6, 3.1, 4.3", "commands that start the nodes",

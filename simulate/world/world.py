@@ -9,15 +9,14 @@ from __future__ import annotations
 import logging
 import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rtask.errors import RobotError, UsageError
+from rtask.scratch import ScratchFolder
 from simulate.robots.description import Floats, Pose, RobotDescription, Workplace
 from simulate.robots.urdf import urdf_text
 from simulate.world.bodies import break_part, breakable_parts, create_object, mass_offset
@@ -300,8 +299,8 @@ class World:
         flags = (
             client.URDF_USE_INERTIA_FROM_FILE | client.URDF_USE_SELF_COLLISION_EXCLUDE_ALL_PARENTS
         )
-        with tempfile.TemporaryDirectory(prefix="rtask-urdf-") as folder:
-            path = Path(folder) / f"{robot.name}.urdf"
+        with ScratchFolder("urdf") as folder:
+            path = folder / f"{robot.name}.urdf"
             path.write_text(urdf_text(robot), encoding="utf-8")
             return int(
                 client.loadURDF(

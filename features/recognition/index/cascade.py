@@ -311,7 +311,7 @@ def match_tables(
     hamming = np.empty(room, np.int16)
     short = np.empty(room, np.int32)
     measured = np.empty(room, np.int64)
-    seen = np.empty(room, np.int32)
+    seen = np.empty(_slots(room), np.int32)  # is emptied for a descriptor in empty buckets, too
     for i in range(n):
         most = 0
         for table in range(tables):

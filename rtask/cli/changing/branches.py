@@ -18,8 +18,8 @@ from rtask.cli.options import (
     json_option,
     listing_option,
     print_json,
+    print_listing,
     shown_parts,
-    shown_rows,
     yes_option,
 )
 
@@ -42,12 +42,8 @@ def list_command(data: Path, limit: int | None, as_json: bool) -> None:
     Exit code 1 if there is none.
     """
     with open_to_change(data) as kb:
-        records = shown_rows(kb.branches(), limit, as_json)
-    if as_json:
-        print_json([record.to_dict() for record in records])
-    for record in () if as_json else records:
-        click.echo(_line(record))
-    exit_if_empty(records)
+        records = kb.branches()
+    print_listing(records, limit, as_json, _line, to_data=lambda record: record.to_dict())
 
 
 @branch.command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,10 +11,10 @@ import click
 
 from rtask.cli.options import exit_if_empty, json_option, print_json
 from rtask.cli.perception.cutting import segmentation_option
-from rtask.cli.perception.posed import posed_view
+from rtask.cli.perception.posed import Posed, posed_view
 from rtask.cli.perception.scene_file import View, camera_options, read_scene, save_picture
 from rtask.cli.progress import announce_compilation
-from rtask.engine.perception.cutting import cut, cut_in_base
+from rtask.engine.perception.cutting import cut, cut_in_base, cut_together
 from rtask.errors import DataError, UsageError
 
 if TYPE_CHECKING:
@@ -26,6 +27,15 @@ __all__ = ["segment"]
 @click.argument("file", type=click.Path(exists=True, path_type=Path))
 @camera_options
 @segmentation_option
+@click.option(
+    "--also-at",
+    "also_at",
+    multiple=True,
+    type=click.FloatRange(min=0),
+    metavar="S",
+    help="Of a recording with TF: the view at this time as well, cut together with that of --at; "
+    "may be repeated.",
+)
 @click.option("--min-points", type=click.IntRange(1), help="Drop segments smaller than this.")
 @click.option(
     "--labels",
@@ -43,6 +53,7 @@ def segment(
     file: Path,
     view: View,
     preset: str,
+    also_at: tuple[float, ...],
     min_points: int | None,
     labels_file: Path | None,
     save_plot: Path | None,
@@ -54,14 +65,17 @@ def segment(
     .mcap, or the folder of one), or a 16-bit depth image, with its colour image as --colour. Clouds
     are in m in the camera frame: x right, y down, z forward. Where the TF of a recording says where
     the camera was, the view is cut as a robot does, and places are in the robot's frame. Labels
-    come one for each pixel or point of FILE, in its order and shape.
+    come one for each pixel or point of FILE, in its order and shape; with --also-at, of its view
+    at --at.
     """
     _check_outputs(file, view.colour, labels_file, save_plot)
     seen = read_scene(file, view)
     try:
         posed = posed_view(file, view, seen, is_cut_as_usual=preset == "auto")
         with announce_compilation():
-            if posed is None:
+            if also_at:
+                scene, table_height = _cut_with(file, view, posed, also_at, min_points)
+            elif posed is None:
                 scene, table_height = cut(seen, preset, min_points), None
             else:
                 scene, table_height = cut_in_base(
@@ -99,6 +113,32 @@ def segment(
             f"{row['label']:4d}  {row['points']:6d} points  at {x:+.3f} {y:+.3f} {z:.3f} m{border}"
         )
     exit_if_empty(scene.objects)
+
+
+def _cut_with(
+    file: Path, view: View, posed: Posed | None, also_at: tuple[float, ...], min_points: int | None
+) -> tuple[Scene, float]:
+    """Return what the views at several times show together, in the frame of the first.
+
+    Raises
+    ------
+    UsageError
+        TF does not say where the camera was at one of the times.
+    """
+    from features.segmentation import Scene
+
+    if posed is None:
+        raise UsageError("--also-at: needs a recording whose TF says where the camera was")
+    views = [(posed.view, posed.base_from_camera)]
+    for time_s in also_at:
+        then = replace(view, at_s=time_s, frame=posed.base)
+        other = posed_view(file, then, read_scene(file, then), is_cut_as_usual=True)
+        if other is None:
+            raise UsageError(f"--also-at {time_s:g}: no coloured view whose place TF says")
+        views.append((other.view, other.base_from_camera))
+    together = cut_together(views, min_points)
+    scene = Scene(together.status, None, None, together.labels[0], together.objects)
+    return scene, together.table_height
 
 
 def _row(segment: Any) -> dict[str, Any]:

@@ -20,7 +20,8 @@ from rtask.cli.options import (
     server_option,
     shown_rows,
 )
-from rtask.errors import MissingDataError, RtaskError, UsageError, nearest
+from rtask.errors import RtaskError, UsageError, nearest
+from rtask.wire.dataset_words import in_words_of
 
 if TYPE_CHECKING:
     from rtask.services.benchmark import Run
@@ -273,7 +274,7 @@ def _in_words_of_options(call: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         resource = error.details.get("resource")
         if not isinstance(resource, str):
             raise
-        words = MissingDataError.in_words_of(str(error), resource, "--dataset")
+        words = in_words_of(str(error), resource, "--dataset")
         raise type(error)(words, **error.details) from None
 
 

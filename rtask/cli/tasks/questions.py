@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,11 @@ from rtask.cli.options import (
     agent_option,
     announce_undo,
     data_option,
-    exit_if_empty,
     json_option,
     listing_option,
     print_json,
+    print_listing,
     server_option,
-    shown_rows,
 )
 from rtask.cli.things import name_or_iri
 
@@ -46,13 +46,8 @@ def list_(
     with connection(data, server) as client:
         state = "all" if everything else "open"
         asked = client.call("list_questions", state=state)["questions"]
-    shown = shown_rows(asked, limit, as_json)
-    if as_json:
-        print_json(shown)
-    else:
-        for question in shown:
-            _show(question)
-    exit_if_empty(asked, "no robot asked anything" if everything else "no question is open")
+    nothing = "no robot asked anything" if everything else "no question is open"
+    print_listing(asked, limit, as_json, _in_words, nothing)
 
 
 @questions.command()
@@ -87,11 +82,11 @@ def answer(
         click.echo("you answered so before")
 
 
-def _show(question: dict[str, Any]) -> None:
+def _in_words(question: Mapping[str, Any]) -> str:
     state = question["state"]
     if state == "open":
         state = f"open for {max(question['until'] - time.time(), 0):.0f} s"
-    click.echo(f"{question['robot_name']}: {question['text']}  ({state})\n  {question['question']}")
+    lines = [f"{question['robot_name']}: {question['text']}  ({state})\n  {question['question']}"]
     for choice in question["choices"]:
         number = choice["number"]
         mark = ""
@@ -99,5 +94,5 @@ def _show(question: dict[str, Any]) -> None:
             mark = f"  <- {question['answered_by']}"
         elif number == question["otherwise"] and not question["chosen"]:
             mark = "  (if nobody answers)"
-        click.echo(f"{number:5}. {choice['text']}{mark}")
-    click.echo(f"       {question['reason']}")
+        lines.append(f"{number:5}. {choice['text']}{mark}")
+    return "\n".join([*lines, f"       {question['reason']}"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,11 @@ from rtask.cli.options import (
     agent_option,
     announce_undo,
     data_option,
-    exit_if_empty,
     json_option,
     listing_option,
     print_json,
+    print_listing,
     server_option,
-    shown_rows,
 )
 from rtask.cli.things import name_or_iri
 
@@ -44,13 +44,8 @@ def list_(
     """
     with connection(data, server) as client:
         plans = client.call("list_plans", state="all" if everything else "open")["plans"]
-    shown = shown_rows(plans, limit, as_json)
-    if as_json:
-        print_json(shown)
-    else:
-        for plan in shown:
-            _show(plan)
-    exit_if_empty(plans, "no plan is stored" if everything else "no plan is open")
+    nothing = "no plan is stored" if everything else "no plan is open"
+    print_listing(plans, limit, as_json, _in_words, nothing)
 
 
 @tasks.command()
@@ -76,12 +71,11 @@ def cancel(
         click.echo(f"{plan} was cancelled before")
 
 
-def _show(plan: dict[str, Any]) -> None:
+def _in_words(plan: Mapping[str, Any]) -> str:
     more = f", priority {plan['priority']}" if plan["priority"] else ""
     more += f", cancelled: {plan['cancelled']}" if plan["cancelled"] else ""
-    click.echo(f"{plan['goal']}  ({plan['state']}{more})\n  {plan['task']}")
+    lines = [f"{plan['goal']}  ({plan['state']}{more})\n  {plan['task']}"]
     for step in plan["steps"]:
-        click.echo(f"{step['step']:5}. {step['text']}  ({step['state']})")
-        for words in (step["why"], step["comment"]):
-            if words:
-                click.echo(f"         {words}")
+        lines.append(f"{step['step']:5}. {step['text']}  ({step['state']})")
+        lines += [f"         {words}" for words in (step["why"], step["comment"]) if words]
+    return "\n".join(lines)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -31,6 +30,7 @@ from rtask.errors import MissingBlobError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES, PROV, RT
 from rtask.rdf.terms import iri, literal
+from rtask.scratch import ScratchFolder
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -130,8 +130,8 @@ def keep_learner(
     -------
     IRI of the snapshot.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "learner.npz"
+    with ScratchFolder("learner") as folder:
+        file = folder / "learner.npz"
         learner.save(file)
         blob = context.kb.blobs.put(file.read_bytes(), "application/x-npz")
     node = context.names.named("learner", f"{slug(agent or 'shared')}-{slug(name)}")
@@ -178,8 +178,8 @@ SELECT ?snapshot ?blob ?kind ?time WHERE {{
             continue
         try:
             data = context.kb.blobs.read(iri(str(row.value("blob"))))
-            with tempfile.TemporaryDirectory() as folder:
-                file = Path(folder) / "learner.npz"
+            with ScratchFolder("learner") as folder:
+                file = folder / "learner.npz"
                 file.write_bytes(data)
                 learner.load(file)
         except (MissingBlobError, ValueError) as error:

@@ -18,7 +18,7 @@ from rtask.engine.memory.recall import recall
 from rtask.engine.operations.grasps import GraspContact, GraspMessage, contact_messages
 from rtask.engine.operations.operation import operation
 from rtask.engine.records.received import CANDIDATE
-from rtask.errors import UsageError
+from rtask.errors import DataError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Cloud, Flag, Number, Pose, PoseStamped, Probability, Text, Unit, Whole
@@ -232,6 +232,7 @@ def _view(request: PlanOnScene) -> tuple[Frame | None, ClutterView | None]:
     from features.geometry import Frame
     from features.imaging.camera import frame_of_grid
     from rtask.engine.perception.clutter import view_clutter
+    from rtask.engine.perception.cutting import refuse_doubtful
 
     x_range, y_range = (-np.inf, np.inf), (-np.inf, np.inf)
     if request.region:
@@ -256,7 +257,9 @@ def _view(request: PlanOnScene) -> tuple[Frame | None, ClutterView | None]:
     pose = np.asarray(request.sensor_pose, dtype=np.float64)
     try:
         view = view_clutter(points, colours, pose, x_range, y_range, request.support_height)
-    except ValueError as error:
+        if view is None or not view.segments:
+            refuse_doubtful(decoded)
+    except (ValueError, DataError) as error:
         raise UsageError(f"data: {error}", field="data") from error
     return frame, view
 

@@ -9,14 +9,16 @@ import numpy as np
 from rtask.errors import DataError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from features.codec.types import Cloud
     from features.geometry import Frame
     from features.perception import Seen
-    from features.segmentation import Scene, SegmentedObject, SegmentParams
+    from features.segmentation import Scene, SegmentedObject, SegmentParams, SeveralViews
 
-__all__ = ["cut", "cut_in_base", "refuse_doubtful"]
+__all__ = ["cut", "cut_in_base", "cut_together", "refuse_doubtful"]
 
 
 def cut(seen: Frame | Cloud, preset: str = "auto", min_points: int | None = None) -> Scene:
@@ -119,6 +121,46 @@ def cut_in_base(
         labels[each.mask] = number
     objects = tuple(_in_base(each, number) for number, each in enumerate(large, start=1))
     return Scene(seen.status, None, None, labels, objects), seen.table_height
+
+
+def cut_together(
+    views: Sequence[tuple[Frame | Cloud, NDArray[np.float64]]], min_points: int | None = None
+) -> SeveralViews:
+    """Segment several views of one table, each with the pose of its camera in one frame with z up.
+
+    Raises
+    ------
+    DataError
+        The views cannot be segmented: wrong units, too large; or nothing is found for that reason.
+    """
+    from dataclasses import replace
+
+    from features.geometry import Frame
+    from features.segmentation import PlacedView, placed_frame, segment_views
+    from features.segmentation.several import level_params
+
+    placed = [
+        placed_frame(seen, pose) if isinstance(seen, Frame) else PlacedView(*_grid(seen, pose))
+        for seen, pose in views
+    ]
+    try:
+        params = level_params(placed)
+        if min_points is not None:
+            params = replace(params, min_points=min_points)
+        together = segment_views(placed, params)
+    except ValueError as error:
+        raise DataError(str(error)) from error
+    if not together.objects:
+        for seen, _ in views:
+            refuse_doubtful(seen)
+    return together
+
+
+def _grid(
+    seen: Cloud, pose: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.uint8] | None]:
+    points, colours = seen.grid()
+    return points, pose, colours
 
 
 def _in_base(seen: Seen, number: int) -> SegmentedObject:

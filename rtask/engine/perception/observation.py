@@ -114,6 +114,7 @@ def observe(request: OptionalLook, where: str = "") -> Observation:
         If the bytes are not a cloud or image of an object, or there are none.
     """
     from features.geometry import transform
+    from features.imaging.pictures import implausible_object
     from features.recognition.views.view import describe_frame
 
     if request.data is None and request.image is None:
@@ -130,13 +131,16 @@ def observe(request: OptionalLook, where: str = "") -> Observation:
         decoded_s = time.perf_counter() - started
         started = time.perf_counter()
         frame, is_rendered = _with_parts(sight, request)
+        cloud = frame.points()[frame.object_mask()].astype(np.float64)
+        finite = cloud[np.isfinite(cloud).all(axis=1)]
+        doubt = implausible_object(finite)
+        if doubt:
+            raise ValueError(doubt)
         features = describe_frame(frame)
         data = request.data if request.data is not None else encode_photo(frame)
     except ValueError as error:
         raise UsageError(f"{where}{part}: {error}", field=where + part) from error
     camera_pose = pose @ sight.source_from_camera
-    cloud = frame.points()[frame.object_mask()].astype(np.float64)
-    finite = cloud[np.isfinite(cloud).all(axis=1)]
     points = np.asarray(transform(camera_pose, finite), dtype=np.float64)
     shape = _measure(points, request.support_height)
     # A crop of a depth image lies in the optical frame, whose z looks forward and not up.

@@ -7,8 +7,6 @@ the episodes as MCAP lies beside, so that importing the data set into a graph lo
 from __future__ import annotations
 
 import json
-import shutil
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +20,7 @@ from rtask.interop.episodes.episode import Episode
 from rtask.interop.episodes.motion import Motion
 from rtask.interop.episodes.recording import RECORDING, Written, write_episodes
 from rtask.interop.episodes.situation import POSE, Situation, situations_of
+from rtask.scratch import ScratchFolder
 
 if TYPE_CHECKING:
     import pyarrow
@@ -105,15 +104,14 @@ def write_lerobot(
     selected, motions = _of_single_hand(recorded, hand)
     situations = situations_of(kb, selected)
     _require_single_type(situations.values())
-    made = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    try:
+    # Beside it, so that moving it there at the end is one step.
+    with ScratchFolder("lerobot", folder.parent) as scratch:
+        made = scratch / folder.name
+        made.mkdir()
         _write(selected, motions, situations, made, rate_hz)
         (made / RECORDING).parent.mkdir()
         written = write_episodes(kb, selected, made / RECORDING, progress)
-        made.chmod(0o755)
         made.replace(folder)
-    finally:
-        shutil.rmtree(made, ignore_errors=True)
     return written
 
 

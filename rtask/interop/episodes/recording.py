@@ -8,8 +8,6 @@ another graph. An MCAP file is compressed (zstd).
 from __future__ import annotations
 
 import json
-import shutil
-import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +21,7 @@ from rtask.interop.episodes.episode import Episode, blobs_of, statements_of
 from rtask.interop.episodes.motion import Motion
 from rtask.interop.episodes.situation import Situation, situations_of
 from rtask.rdf.namespaces import PREFIXES
+from rtask.scratch import ScratchFolder
 
 if TYPE_CHECKING:
     from features.geometry import Frame
@@ -171,8 +170,7 @@ def write_episodes(
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     # Beside the file, so that moving it there at the end is one step.
-    folder = Path(tempfile.mkdtemp(prefix=f".{path.stem}-", dir=path.parent))
-    try:
+    with ScratchFolder("recording", path.parent) as folder:
         if path.suffix == ".bag":
             store = get_typestore(Stores.ROS1_NOETIC)
             store.register(get_types_from_msg(_TF_MESSAGE, _TF_KIND))
@@ -191,8 +189,6 @@ def write_episodes(
                 written = _write(kb, episodes, bag, progress, urdf)
         (made,) = folder.rglob(f"*{path.suffix}")
         made.replace(path)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
     return written
 
 

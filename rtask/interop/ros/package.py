@@ -16,7 +16,6 @@ import io
 import os
 import shutil
 import sys
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from rtask.errors import UsageError
 from rtask.interop.ros.convert import Make, make_message
 from rtask.interop.ros.find import Installation
 from rtask.interop.ros.schema import PACKAGE, Schema
+from rtask.scratch import ScratchFolder
 
 __all__ = ["definitions_of", "load_messages", "source_files", "write_python", "write_source"]
 
@@ -172,11 +172,11 @@ def load_messages(schema: Schema, ros: Installation) -> Make:
     cache = _cache() / "ros" / _digest(schema, ros)
     if not cache.is_dir():
         cache.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=cache.parent) as made:
-            write_python(schema, ros, Path(made) / "packages")
+        with ScratchFolder("ros", cache.parent) as made:
+            write_python(schema, ros, made / "packages")
             # Another process may have been faster, with the same result.
             with contextlib.suppress(OSError):
-                (Path(made) / "packages").rename(cache)
+                (made / "packages").rename(cache)
     # First: an installed rtask_msgs may be that of another release.
     sys.path.insert(0, str(cache))
     importlib.invalidate_caches()
@@ -196,16 +196,16 @@ def write_python(schema: Schema, ros: Installation, folder: Path) -> list[str]:
     for name in _OTHERS:
         if name in missing or not ros.definitions(name):
             texts[name] = definitions_of(name)
-    with tempfile.TemporaryDirectory() as work:
+    with ScratchFolder("ros") as work:
         search = {name: ros.definitions(name) for name in (*_DEPENDS, *_OTHERS)}
         for package, files in texts.items():
-            search[package] = [str(Path(work) / package / "msg")]
+            search[package] = [str(work / package / "msg")]
             for path, text in _expanded(files).items():
-                file = Path(work) / package / path
+                file = work / package / path
                 file.parent.mkdir(parents=True, exist_ok=True)
                 file.write_text(text, "utf-8")
         for package in (PACKAGE, *missing):
-            _generate(package, Path(work) / package, search, folder / package)
+            _generate(package, work / package, search, folder / package)
     return [PACKAGE, *missing]
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pyoxigraph import Quad
 
 import ontology
+from rtask.kb.commit.foreign.claims import Keys
 from rtask.kb.durability.blobs import Blob
 from rtask.kb.durability.journal import CommitRecord
 from rtask.kb.store.declared_terms import declared_terms
@@ -89,6 +90,7 @@ class Catalogue:
     graphs: Graphs
     _entries: dict[GraphName, _Entry] = field(default_factory=dict)
     _declared: frozenset[NamedNode] | None = None
+    _keys: Keys | None = None
 
     def __post_init__(self) -> None:
         self.refresh()
@@ -96,7 +98,7 @@ class Catalogue:
     def refresh(self) -> None:
         """Read the catalogue from the store again."""
         self._entries.clear()
-        self._declared = None
+        self._declared = self._keys = None
         for quad in self.store.quads_for_pattern(None, None, None, self.graphs.meta):
             self._take(quad)
 
@@ -112,7 +114,7 @@ class Catalogue:
         elif quad.predicate == RDF_TYPE and isinstance(quad.object, NamedNode):
             entry.kind = quad.object.value.removeprefix(_RT)
         if entry.kind == _ONTOLOGY:
-            self._declared = None
+            self._declared = self._keys = None
 
     @property
     def seq(self) -> int:
@@ -144,6 +146,12 @@ class Catalogue:
         if self._declared is None:
             self._declared = frozenset(declared_terms(self.store, self.ontologies()))
         return self._declared
+
+    def keys(self) -> Keys:
+        """Return the keys of the ontologies, and those stated elsewhere when one changed last."""
+        if self._keys is None:
+            self._keys = Keys.read(self.store)
+        return self._keys
 
     def last_time(self) -> dt.datetime | None:
         """Return the time at which the last commit ended; ``None`` if there was none."""
@@ -306,7 +314,7 @@ class Catalogue:
     def forget(self, graph: GraphName) -> None:
         """Drop a graph's entry after the graph was dropped."""
         self._entries.pop(graph, None)
-        self._declared = None
+        self._declared = self._keys = None
 
 
 def _integer(term: object) -> int:

@@ -129,7 +129,7 @@ class Committer:
                 warnings=tuple(report),
                 shapes=report.shapes,
                 quarantined=aside,
-                remark=None if names is None else self._remark(names),
+                remark=None if names is None else self._remark(names, change),
             )
             return replace(stored, commit=commit)
         except BaseException:
@@ -166,10 +166,20 @@ class Committer:
         error, names = self.inference.inconsistent(clashes, causes), self._names(request)
         return error if names is None else names.refused(error, clashes)
 
-    def _remark(self, names: NamePrecedence) -> str | None:
-        if names.moved or not self.catalogue.triple_count(self.graphs.quarantine):
+    def _remark(self, names: NamePrecedence, change: Overlay) -> str | None:
+        """Return what the author is told of others' statements; ``None`` if nothing."""
+        if names.moved:
             return names.remark()
-        return names.notice()
+        if len(change.added) <= MAX_LATE:
+            with self.late.quiet() if self.late is not None else nullcontext():
+                keys = self.catalogue.keys()
+                claim = next(keys.contested(change.added, self.store, self.graphs), None)
+            if claim is not None:
+                return (
+                    f"{claim}; both stand, and are not taken for one thing. An operator sees them "
+                    "in rtask doctor, and can withdraw one or state that they are the same"
+                )
+        return names.notice() if self.catalogue.triple_count(self.graphs.quarantine) else None
 
     def _settle(
         self, change: Overlay, request: Request, names: NamePrecedence | None
@@ -203,7 +213,7 @@ class Committer:
         """Set aside what makes the author's names one with others, before it uses them."""
         if request.supports:
             names.give_way(change, request.supports)
-        if self.inference is None:
+        if self.inference is None or not self.inference.may_hold_equal():
             return
         for triple in names.identities(change):
             proof = self.inference.explain(triple, PROOF_BUDGET)

@@ -17,6 +17,7 @@ from rtask.kb.rules.rule import Rule
 from rtask.kb.rules.rulebook import blamed, stored_rules
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.minters import Minters
 from rtask.kb.store.naming import Names
 from rtask.kb.store.overlay import Holders, Overlay
 from rtask.kb.store.quads import Derived, InGraph
@@ -24,13 +25,14 @@ from rtask.kb.store.union import input_change
 from rtask.rdf.terms import GraphName, TripleKey, triple_key
 
 if TYPE_CHECKING:
-    from reasoner import ClosureTooLargeError, Decision
+    from reasoner import ClosureTooLargeError, Config, Decision
 
 __all__ = [
     "Derivation",
     "Inference",
     "Staged",
     "labelled",
+    "reasoner_config",
     "rules_from_now_on",
     "shipped_rules",
     "too_much_follows",
@@ -116,6 +118,10 @@ class Inference:
             self._closure = self._restore() or self._build()
         return self._closure
 
+    def may_hold_equal(self) -> bool:
+        """Whether any two terms are the same, as far as is known without building the closure."""
+        return self._closure is None or bool(self._closure.holds_equal)
+
     def take_in(self, changed: Collection[TripleKey] | None) -> None:
         """Follow what another process committed, and has stored.
 
@@ -143,7 +149,8 @@ class Inference:
     def _restore(self) -> Any:
         if self.saved is None:
             return None
-        return self.saved.restore(self._held(), self._rules_in_force())
+        config = reasoner_config(self._graphs)
+        return self.saved.restore(self._held(), self._rules_in_force(), config)
 
     def _held(self) -> Held:
         return Held(self._seq(), self._sizes(), self._graphs.is_input, self._present)
@@ -198,7 +205,8 @@ class Inference:
         schema = self._triples(graph for graph in inputs if is_ontology(graph))
         data = self._triples(graph for graph in inputs if not is_ontology(graph))
         try:
-            closure = Closure.build(schema, data, rules=self._rules_in_force())
+            rules, config = self._rules_in_force(), reasoner_config(self._graphs)
+            closure = Closure.build(schema, data, rules, config)
         except ClosureTooLargeError as error:
             raise TooLargeError(str(error)) from error
         _log.debug("built the closure of %d statements", closure.size)
@@ -402,6 +410,13 @@ class Inference:
                 ) from error
             raise blamed(rules, self.rules(), error) from error
         return staged
+
+
+def reasoner_config(graphs: Graphs) -> Config:
+    """Return how the reasoner is to go about the names of contributors."""
+    from reasoner import Config
+
+    return Config(owner=Minters(graphs.base))
 
 
 def too_much_follows(error: ClosureTooLargeError) -> TooMuchFollowsError:

@@ -22,7 +22,7 @@ from rtask.kb.durability.journal import Record
 from rtask.rdf.terms import GraphName, TripleKey, triple_key
 
 if TYPE_CHECKING:
-    from reasoner import Closure, LabelledRule
+    from reasoner import Closure, Config, LabelledRule
 
 __all__ = ["Held", "SavedClosures", "TracedJournal", "discard_saved", "saved_folders"]
 
@@ -115,13 +115,15 @@ class SavedClosures:
 
     # Reading
 
-    def restore(self, held: Held, rules: Iterable[str | LabelledRule]) -> Closure | None:
+    def restore(
+        self, held: Held, rules: Iterable[str | LabelledRule], config: Config
+    ) -> Closure | None:
         """Return the closure of the present statements, ``None`` if no saved one fits."""
         from reasoner.saved.container import DamagedFolderError
 
         for path in saved_folders(self._folder):
             try:
-                closure = self._read(path, held, tuple(rules))
+                closure = self._read(path, held, tuple(rules), config)
             except (_MisfitError, DamagedFolderError, StoreError, OSError) as error:
                 _log.warning("%s is not used, the closure is rebuilt: %s", path, error)
                 continue
@@ -146,7 +148,9 @@ class SavedClosures:
             return bool(head["made_by"] != Closure(rules).fingerprint())
         return False
 
-    def _read(self, path: Path, held: Held, rules: tuple[str | LabelledRule, ...]) -> Closure:
+    def _read(
+        self, path: Path, held: Held, rules: tuple[str | LabelledRule, ...], config: Config
+    ) -> Closure:
         from reasoner import Closure
         from reasoner.saved.container import read_head
         from reasoner.saved.image import Image
@@ -160,7 +164,7 @@ class SavedClosures:
         if origin["seq"] > held.seq:
             raise _MisfitError(f"it belongs to commit {origin['seq']}, the last one is {held.seq}")
         touched = self._touched(origin, held)
-        closure = Closure.from_image(Image.read(path, head), rules)
+        closure = Closure.from_image(Image.read(path, head), rules, config)
         if touched:
             gained = dict.fromkeys(held.present(touched.keys()))
             lost = [key for key in touched if key not in gained]

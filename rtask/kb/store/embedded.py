@@ -11,6 +11,7 @@ import contextlib
 import itertools
 import time
 from collections.abc import Iterable, Iterator, Sized
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from rtask.sparql.lexer import names_dataset
 
 __all__ = ["LARGE", "EmbeddedStore", "embedded_store"]
 
-_ATTEMPTS = 20
+_ATTEMPTS = 100  # on a busy machine RocksDB took more than a second to let go
 _PAUSE_S = 0.05
 _BULK = 100_000
 _READ_EACH, _READ_MORE = 4, 16
@@ -348,6 +349,9 @@ class EmbeddedStore(GraphStore):
         if writes.only_adds():
             self.extend(writes.added)
         else:
+            if writes.is_unseen:
+                self.extend(writes.added)
+                writes = replace(writes, added=())
             operations, functions = as_update(writes)
             if operations:
                 self.update(" ;\n".join(operations), custom_functions=functions)

@@ -179,9 +179,14 @@ class LateNotes:
                         union = union_change(
                             self._store, waiting.removed, waiting.added, (self._provenance,)
                         )
+                    # Every read that begins waits for this: see `reading` and `storing`.
                     apply(
                         self._store,
-                        Writes([*waiting.removed, *union.removed], [*waiting.added, *union.added]),
+                        Writes(
+                            [*waiting.removed, *union.removed],
+                            [*waiting.added, *union.added],
+                            is_unseen=True,
+                        ),
                     )
             self._waiting, self._commits = NetChange(), 0
             with self._gate:

@@ -30,6 +30,10 @@ class Writes:
         that it may be there already.
     inferred
         All that one of the graphs goes on holding, where that is known without reading it.
+    is_unseen
+        Whether nobody can read what changes before all of it has, and what a process killed
+        meanwhile leaves is completed from the journal. It may then be made in two steps: the store
+        adds at half the cost what it does not also have to parse.
     """
 
     removed: Collection[Quad] = ()
@@ -39,6 +43,7 @@ class Writes:
     is_replacement: bool = False
     has_union: bool = False
     inferred: InGraph | None = None
+    is_unseen: bool = False
 
     def only_adds(self) -> bool:
         """Whether ``extend`` suffices, which also creates the graphs of its quads."""

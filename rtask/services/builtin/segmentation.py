@@ -6,28 +6,38 @@ import base64
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Len
 
-from rtask.engine.perception.cutting import cut, refuse_doubtful
+from rtask.engine.perception.cutting import cut, cut_together, refuse_doubtful
 from rtask.errors import DataError, ServiceError
 from rtask.services.service import Service, method, startup
-from rtask.wire.message import Answer
+from rtask.wire.message import Answer, Message
 from rtask.wire.types import Array, Bytes, Cloud, Flag, Json, Pose, Unit, Whole
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
     from features.codec.types import Cloud as DecodedCloud
     from features.geometry import Frame
-    from features.segmentation import Scene, SegmentedObject
+    from features.segmentation import Scene, SegmentedObject, SeveralViews
     from rtask.interop.ros.looking import Board
 
 __all__ = [
     "BoxInFrame",
+    "JointObject",
     "PerceivedObject",
     "PerceivedView",
+    "PlacedCloud",
     "Segmentation",
     "SegmentedThing",
     "SegmentedView",
+    "ViewedCrop",
+    "ViewsTogether",
 ]
+
+MAX_VIEWS = 16
 
 
 class SegmentedThing(Answer):
@@ -92,11 +102,58 @@ class PerceivedView(Answer):
     objects: list[PerceivedObject]
 
 
+class PlacedCloud(Message):
+    """A view of a table, and where its camera was."""
+
+    cloud: Cloud
+    """point cloud or depth image: packed, PLY, PCD or sensor_msgs/PointCloud2; m, camera frame"""
+    sensor_pose: Pose
+    """pose of the camera's optical frame in a frame with z up, one for all views"""
+
+
+class ViewedCrop(Answer):
+    """An object as one of several views shows it."""
+
+    view: int
+    """number of the view in the request, from 0"""
+    cloud: Bytes
+    """its crop of that view, packed as operations of the engine take it"""
+
+
+class JointObject(Answer):
+    """One object of several views."""
+
+    points: int
+    """how many points it has in all views"""
+    centroid: Annotated[Array, Unit("m")]
+    """in the common frame"""
+    box_min: Annotated[Array, Unit("m")]
+    """smallest coordinates, in the common frame"""
+    box_max: Annotated[Array, Unit("m")]
+    """largest coordinates, in the common frame"""
+    touches_border: bool
+    """whether it reaches the edge of what is seen of the table"""
+    cloud: Bytes
+    """its points of all views in the common frame, packed"""
+    seen: list[ViewedCrop]
+    """its crops, for recognition: the one with most points first, the others as further looks"""
+
+
+class ViewsTogether(Answer):
+    """The objects of several views together, by falling size."""
+
+    status: str
+    """ok, empty, no_table or table_only"""
+    table_height: float | None = None
+    """in the common frame, m; null without a table"""
+    objects: list[JointObject]
+
+
 class Segmentation(Service):
     """Views of tables cut into objects."""
 
     name = "rtask/Segmentation"
-    version = "1.1.0"
+    version = "1.2.0"
     extra = "perception"
 
     @startup
@@ -138,6 +195,39 @@ class Segmentation(Service):
             objects=[_segmented(view, scene, segment) for segment in scene.objects],
             table=None if plane is None else np.append(plane.normal, plane.offset),
         )
+
+    @method
+    def segment_views(
+        self,
+        views: Annotated[list[PlacedCloud], Len(1, MAX_VIEWS)],
+        min_points: Annotated[Whole, Ge(1)] | None = None,
+    ) -> ViewsTogether:
+        """Cut several views of one table together: of several cameras, or of one that moves.
+
+        Parameters
+        ----------
+        views
+            Each with the pose of its camera.
+        min_points
+            Smaller objects are left out; default: by the height of the cameras.
+        """
+        from features.codec import decode
+
+        decoded = []
+        for number, view in enumerate(views):
+            try:
+                decoded.append((decode(view.cloud), np.asarray(view.sensor_pose, np.float64)))
+            except ValueError as error:
+                where = f"views[{number}].cloud"
+                raise ServiceError(f"{where}: {error}", field=where) from error
+        together = cut_together(decoded, min_points)
+        height = together.table_height
+        return ViewsTogether(
+            status=together.status,
+            table_height=None if np.isnan(height) else height,
+            objects=[_joined([seen for seen, _ in decoded], together, k) for k in
+                     range(len(together.objects))],
+        )  # fmt: skip
 
     @method
     def perceive(
@@ -237,6 +327,27 @@ def _box(board: Board) -> BoxInFrame:
     return BoxInFrame(pose=board.pose, size=list(board.size))
 
 
+def _joined(
+    views: Sequence[Frame | DecodedCloud], together: SeveralViews, place: int
+) -> JointObject:
+    from features.codec import encode_cloud
+
+    each = together.objects[place]
+    most = sorted(
+        together.seen_by(each.label), key=lambda k: -int((together.labels[k] == each.label).sum())
+    )
+    return JointObject(
+        points=len(each.indices),
+        centroid=each.centroid,
+        box_min=each.box[0],
+        box_max=each.box[1],
+        touches_border=each.touches_border,
+        cloud=encode_cloud(together.points[each.indices]),
+        seen=[ViewedCrop(view=k, cloud=_crop(views[k], together.labels[k], each.label))
+              for k in most],
+    )  # fmt: skip
+
+
 def _segmented(
     view: Frame | DecodedCloud, scene: Scene, segment: SegmentedObject
 ) -> SegmentedThing:
@@ -247,17 +358,19 @@ def _segmented(
         box_min=segment.box[0],
         box_max=segment.box[1],
         touches_border=segment.touches_border,
-        cloud=_crop(view, scene, segment),
+        cloud=_crop(view, scene.labels, segment.label),
     )
 
 
-def _crop(view: Frame | DecodedCloud, scene: Scene, segment: SegmentedObject) -> bytes:
+def _crop(view: Frame | DecodedCloud, labels: NDArray[np.int32], label: int) -> bytes:
     """Return the part of a view that shows an object, in the form that robots send."""
     from features.codec import encode_cloud, encode_frame
     from features.geometry import Frame
 
+    mask = labels == label
     if isinstance(view, Frame):
-        return encode_frame(view.crop(scene.labels == segment.label))
+        return encode_frame(view.crop(mask))
     points, colours = view.grid()
-    flat = points.reshape(-1, 3)[segment.indices]
-    return encode_cloud(flat, None if colours is None else colours.reshape(-1, 3)[segment.indices])
+    chosen = np.flatnonzero(mask)
+    inks = None if colours is None else colours.reshape(-1, 3)[chosen]
+    return encode_cloud(points.reshape(-1, 3)[chosen], inks)

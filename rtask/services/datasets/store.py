@@ -12,8 +12,6 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -31,6 +29,7 @@ from rtask.errors import (
     nearest,
 )
 from rtask.kb.commit.access import Access
+from rtask.scratch import ScratchFolder
 from rtask.services.datasets.file_store import FileStore
 from rtask.services.datasets.merging import Merge
 from rtask.services.datasets.records import ENDING, read_records, without
@@ -73,7 +72,7 @@ class Datasets:
 
     def __init__(self, folder: Path | None) -> None:
         self._folder = folder
-        self._temporary: str | None = None
+        self._temporary: ScratchFolder | None = None
         self._lock = threading.RLock()
         self._offered: dict[str, Contents] = {}
 
@@ -82,8 +81,8 @@ class Datasets:
         if self._folder is not None:
             self._folder.mkdir(parents=True, exist_ok=True)
             return self._folder
-        self._temporary = tempfile.mkdtemp(prefix="rtask-datasets-")
-        return Path(self._temporary)
+        self._temporary = ScratchFolder("datasets")
+        return self._temporary.path
 
     @cached_property
     def _shelf(self) -> Shelf:
@@ -438,7 +437,7 @@ class Datasets:
     def close(self) -> None:
         """Remove a temporary folder."""
         if self._temporary is not None:
-            shutil.rmtree(self._temporary, ignore_errors=True)
+            self._temporary.close()
 
     # Inside
 

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from rtask.scratch import ScratchFolder
+
 __all__ = ["Views"]
 
 MAX_VIEWS = 64
@@ -66,11 +68,8 @@ class Views:
     def scratch(self) -> Iterator[Path]:
         """Yield an empty folder that is thrown away."""
         self._folder.mkdir(exist_ok=True)
-        made = Path(tempfile.mkdtemp(prefix="scratch-", dir=self._folder))
-        try:
+        with ScratchFolder("view", self._folder) as made:
             yield made
-        finally:
-            shutil.rmtree(made)
 
     def prune(self) -> None:
         """Remove the views out of use, the longest unused first, until there are few."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
 import threading
 import time
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 
 from grasp.ray_cluster import join
 from rtask.errors import RtaskError, UsageError, WorkerDiedError
+from rtask.scratch import ScratchFolder
 from rtask.services.call import Call
 from rtask.services.executors.apart import (
     Sent,
@@ -149,7 +149,7 @@ class _Instance:
         self._changed = threading.Condition()
         self._reports: list[tuple[float, str]] = []
         self._call: Call | None = None
-        self._folder = tempfile.TemporaryDirectory(prefix="rtask-ray-")
+        self._folder = ScratchFolder("ray")
 
     def make_ready(
         self, source: str, exact: str, shipped: Shipped, check_every: int
@@ -158,7 +158,7 @@ class _Instance:
         try:
             self._definition = definition_from(source, exact)
             resources = {
-                name: _unpacked(Path(self._folder.name) / name, *contents)
+                name: _unpacked(self._folder.path / name, *contents)
                 for name, contents in shipped.items()
             }
             self._runner = InProcess(InstanceSetup(self._definition, resources, check_every))
@@ -198,7 +198,7 @@ class _Instance:
     def close(self) -> None:
         """Shut the service down."""
         self._runner.close()
-        self._folder.cleanup()
+        self._folder.close()
 
 
 def _packed(files: Files) -> tuple[str, bool, dict[str, bytes]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -18,6 +17,7 @@ from features.perception import Seen
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.scoring.holding import assumed_mass
 from rtask.engine.perception.clutter import plan_in_view
+from rtask.scratch import ScratchFolder
 from simulate.agent.agent import Agent, AgentConfig, Server
 from simulate.agent.encounter import Encounter
 from simulate.agent.simulated_body import RobotAtTable
@@ -110,7 +110,7 @@ def laid_table(settings: Mapping[str, Any], number: int) -> Iterator[Table]:
     """Lay out the things of one trial in front of the robot."""
     seed = int(settings["seed"])
     with (
-        tempfile.TemporaryDirectory(prefix="rtask-pile-") as folder,
+        ScratchFolder("pile") as folder,
         Workcell(_robot(settings), str(settings["preset"])) as cell,
     ):
         cell.executor.eyes = Eyes(
@@ -118,7 +118,7 @@ def laid_table(settings: Mapping[str, Any], number: int) -> Iterator[Table]:
             (seed, _NOISE, number),
         )  # fmt: skip
         lay_out = _groups if settings.get("robot") else _heap
-        contents = lay_out(cell, settings, number, Path(folder))
+        contents = lay_out(cell, settings, number, folder)
         yield Table(cell, contents, touching_pairs(cell.world, list(contents)))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import RobotError, UsageError
+from rtask.scratch import ScratchFolder
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import PlannedGrasp
 from simulate.robots import describe
@@ -58,9 +58,9 @@ def film_robot(kind: str, film: Film, preset: str = "faithful") -> Frames:
     products = sample_objects(stream(film.seed, _PRODUCTS), film.objects)
     place = describe(kind).workplace
     placements = arrange(products, stream(film.seed, _TABLE), workplace=place)
-    with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
+    with ScratchFolder("assets") as assets:
         conditions = Conditions(robot=kind, preset=preset, lighting=LIGHT)
-        body = SimulatedBody(placements, Path(assets), conditions)
+        body = SimulatedBody(placements, assets, conditions)
         try:
             plan = _first_plan(body, placements, film.seed)
             frames: Frames = []

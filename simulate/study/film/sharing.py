@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from rtask.engine.words import reason_words
 from rtask.errors import RobotError
+from rtask.scratch import ScratchFolder
 from simulate.demo.products import by_product
 from simulate.demo.recorded import unpack
 from simulate.study.film.robots import Film, write_film
@@ -66,8 +66,8 @@ class Scene:
 
 def write_recorded(out: Path) -> None:
     """Write the film of the recorded demo: ``.webp``, ``.png`` or ``.gif``."""
-    with tempfile.TemporaryDirectory(prefix="rtask-film-") as place:
-        folder = Path(place) / "demo"
+    with ScratchFolder("film") as place:
+        folder = place / "demo"
         result = unpack(folder)
         frames = film_sharing(folder / "report", result)
     write_film(out, [frames], Film(frames_per_s=1.0, speed=1.0))

@@ -9,9 +9,7 @@ needs no further simulation.
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +20,7 @@ from grasp.learning.state import pooled
 from grasp.spatial.footprint import Footprint
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.planar import PlanarGrasp, propose_planar, rate
+from rtask.scratch import ScratchFolder
 from simulate.agent.scoring import AttemptTruth
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import GraspRequest, PlannedGrasp
@@ -52,8 +51,8 @@ def outcome_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         lighting=Lighting.sample(stream(seed, _LIGHT, number)),
         noise_seed=(seed, _NOISE, number),
     )
-    with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
-        body = SimulatedBody([placement], Path(assets), conditions)
+    with ScratchFolder("assets") as assets:
+        body = SimulatedBody([placement], assets, conditions)
         try:
             bench = _Bench(body, placement, mix_seed(seed, _PLAN, number))
             look = _look(body, "right" if side < 0 else "left")

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +16,7 @@ from grasp.push.parts import OBJECT_M, stand_in
 from grasp.push.polygon import as_polygon, centroid, triangles
 from grasp.push.push_plan import PushPlan
 from grasp.push.trials import Trials
+from rtask.scratch import ScratchFolder
 from simulate.grasping.executor import Workcell
 from simulate.grasping.floating.execution import spawn_parts
 from simulate.grasping.push_grasping import ArmPush
@@ -104,8 +103,7 @@ def lay(cell: Workcell, part: PlaneBody) -> int:
         prisms.append(np.vstack([low, low + np.array([0.0, 0.0, HEIGHT_M])]))
     item = GraspObject("part", tuple(prisms), _MASS_KG)
     world = cell.world
-    with tempfile.TemporaryDirectory(prefix="rtask-push-") as folder:
-        place = Path(folder)
+    with ScratchFolder("push") as place:
         body = spawn_parts(
             world, item.write(place), _MASS_KG,
             friction=Friction(lateral=FRICTION / _FINGER_FRICTION, rolling=0.0),

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +13,7 @@ from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.scoring.confidence import PoseNoise
+from rtask.scratch import ScratchFolder
 from simulate.grasping.floating.execution import Conditions, Held, execute, settle, spawn_parts
 from simulate.robots.description import Floats
 from simulate.study.quality.objects import GraspObject
@@ -122,9 +121,9 @@ class Bench:
 def laid_out(item: GraspObject, preset: str = "fast") -> Iterator[Bench]:
     """Let an object come to rest on a table."""
     friction = Friction(lateral=0.5, rolling=0.0004)
-    with tempfile.TemporaryDirectory(prefix="rtask-parts-") as folder, World(preset) as world:
+    with ScratchFolder("parts") as folder, World(preset) as world:
         world.add_table(0.0)
-        body = spawn_parts(world, item.write(Path(folder)), item.mass, friction=friction)
+        body = spawn_parts(world, item.write(folder), item.mass, friction=friction)
         low = min(float(part[:, 2].min()) for part in item.parts)
         place = (*_PLACE, 0.002 - low)
         world.client.resetBasePositionAndOrientation(body, place, (0, 0, 0, 1))

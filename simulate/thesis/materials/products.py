@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import Frame, Intrinsics, look_at
 from features.recognition.views.view import ViewFeatures, describe_view
+from rtask.scratch import ScratchFolder
 from simulate.world.camera import Camera, Lighting
 from simulate.world.noise import SensorNoise
 from simulate.world.objects import ObjectSpec, product, write_assets
@@ -62,9 +61,9 @@ def turned(name: str, step_deg: int, seed: int) -> Iterator[Turned]:
     """Yield views every so many degrees at two low elevations, and four from above."""
     spec = household(name)
     rng = np.random.default_rng([seed, spec.texture_seed])
-    with tempfile.TemporaryDirectory(prefix="rtask-turned-") as folder, World() as world:
+    with ScratchFolder("turned") as folder, World() as world:
         world.add_table(0.0)
-        body = world.spawn(spec, (0.0, 0.0), assets=write_assets(spec, Path(folder)))
+        body = world.spawn(spec, (0.0, 0.0), assets=write_assets(spec, folder))
         camera = Camera(world.client, _CAMERA)
         centre = world.object_pose(body).position
         distance = _DISTANCE_RADII * float(np.linalg.norm(spec.extent)) / 2

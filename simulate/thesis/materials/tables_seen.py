@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import Frame, Intrinsics, look_at
+from rtask.scratch import ScratchFolder
 from simulate.world.camera import Camera, Lighting
 from simulate.world.noise import SensorNoise
 from simulate.world.objects import sample_objects, write_assets
@@ -63,10 +62,10 @@ def seen_tables(count: int, on_table: int, seed: int, of: int = 0) -> Iterator[S
         rng = np.random.default_rng([seed, number, 0x7AB1E])
         chosen = rng.permutation(of)[:on_table].tolist()
         specs = [shared[k] for k in chosen] if of else sample_objects(rng, on_table)
-        with tempfile.TemporaryDirectory(prefix="rtask-tables-") as folder, World() as world:
+        with ScratchFolder("tables") as folder, World() as world:
             world.add_table(0.0)
             bodies = tuple(
-                world.spawn(p.spec, (p.x, p.y), p.yaw, write_assets(p.spec, Path(folder)))
+                world.spawn(p.spec, (p.x, p.y), p.yaw, write_assets(p.spec, folder))
                 for p in arrange(specs, rng)
             )
             world.step(0.5)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
-from pathlib import Path
 
 import numpy as np
 from pyoxigraph import Quad
@@ -12,6 +10,7 @@ from pyoxigraph import Quad
 import rtask
 from rtask.engine import Engine
 from rtask.knowledge_base import KnowledgeBase
+from rtask.scratch import ScratchFolder
 from simulate.study.tasks.trial import lab_update, random_goal
 from simulate.tasks.crew import Crew
 from simulate.tasks.executor import Executor
@@ -32,8 +31,8 @@ def shared_environment(setting: Setting) -> Result:
     reached = reverted = merged = stated = 0
     rng = stream(setting.seed, _STREAM)
     with (
-        tempfile.TemporaryDirectory(prefix="rtask-environment-") as folder,
-        rtask.open(Path(folder) / "store", base=_BASE) as kb,
+        ScratchFolder("environment") as folder,
+        rtask.open(folder / "store", base=_BASE) as kb,
     ):
         kb.update(lab_update(rng, things))
         for _ in range(goals):

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import base64
-import tempfile
 import urllib.request
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -14,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rtask
+from rtask.scratch import ScratchFolder
 from simulate.demo.processes import Endpoint
 from simulate.thesis.materials.pictures import png
 from simulate.thesis.materials.products import SIX, STAND_INS, Turned, turned
@@ -30,8 +29,8 @@ def stored_images(setting: Setting) -> Result:
     views = {name: list(turned(name, step, setting.seed)) for name in names}
     trained = {name: of_one[::2] for name, of_one in views.items()}
     asked = accepted = right = named = own = 0
-    with tempfile.TemporaryDirectory(prefix="rtask-images-") as folder:
-        endpoint = Endpoint(Path(folder) / "store", 0, Path(folder) / "log")
+    with ScratchFolder("images") as folder:
+        endpoint = Endpoint(folder / "store", 0, folder / "log")
         try:
             with rtask.connect(endpoint.url) as client:
                 for name, shown_first in trained.items():

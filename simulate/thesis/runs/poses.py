@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +28,7 @@ from grasp.spatial.grasp_plan import SpatialOptions, plan_on_mesh
 from grasp.spatial.gripper import panda_hand
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.mesh_files import read_mesh
+from rtask.scratch import ScratchFolder
 from simulate.grasping.floating.execution import execute, settle
 from simulate.thesis.materials.products import SIX, STAND_INS, household
 from simulate.thesis.result import Compared, Result, Setting, share_of
@@ -103,9 +102,9 @@ def _lying(name: str, number: int, seed: int) -> Iterator[_Lying]:
     """Drop a product in a drawn orientation and look at it from a drawn side."""
     spec = household(name)
     rng = np.random.default_rng([seed, spec.texture_seed, number])
-    with tempfile.TemporaryDirectory(prefix="rtask-posed-") as folder, World() as world:
+    with ScratchFolder("posed") as folder, World() as world:
         world.add_table(0.0)
-        assets = write_assets(spec, Path(folder))
+        assets = write_assets(spec, folder)
         body = world.spawn(spec, (0.34, 0.0), assets=assets)
         turn = Rotation.random(random_state=int(rng.integers(2**31))).as_quat().tolist()
         world.put(body, [0.34, 0.0, float(np.linalg.norm(spec.extent)) / 2 + 0.01], turn)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +11,7 @@ from grasp.charts import curve_chart, heat_map
 from grasp.push import PushTest, as_part
 from grasp.push.parts import TAPE_DISPENSER, TAPE_DISPENSER_COM
 from grasp.push.pose import centred_grasp, pose_map
+from rtask.scratch import ScratchFolder
 from simulate.study.pushes.picture import draw_pushes
 from simulate.study.pushes.plug import PUBLISHED
 from simulate.study.pushes.report import push_study, summarise_pushes
@@ -75,8 +74,8 @@ def object_m(setting: Setting) -> Result:
     trials = setting.size(5, 1)
     results = setting.trials(push_study(trials, 0, setting.seed, "fast"))
     summary = summarise_pushes(results, setting.seed, "fast")
-    with tempfile.TemporaryDirectory(prefix="rtask-object-m-") as folder:
-        picture = Path(folder) / "grasps.png"
+    with ScratchFolder("object-m") as folder:
+        picture = folder / "grasps.png"
         draw_pushes(picture, setting.seed, "fast")
         drawn = picture.read_bytes()
     rows = []

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,7 @@ from features.geometry import Frame
 from features.recognition import Recogniser, Recognition, RecognitionIndex, warm_up
 from features.recognition.views.view import ViewFeatures
 from grasp.charts import curve_chart
+from rtask.scratch import ScratchFolder
 from simulate.study.declaration import Study
 from simulate.thesis.materials.pictures import png
 from simulate.thesis.materials.products import SIX, STAND_INS, turned
@@ -107,8 +106,8 @@ class _Asked:
 def _ask(views: Sequence[_View], is_stored: Callable[[int], bool], most: int = 10**6) -> _Asked:
     """Store some views and ask all others, at most so many of them, evenly chosen."""
     warm_up()
-    with tempfile.TemporaryDirectory(prefix="rtask-views-") as folder:
-        index = RecognitionIndex(Path(folder))
+    with ScratchFolder("views") as folder:
+        index = RecognitionIndex(folder)
         stored = [k for k in range(len(views)) if is_stored(k)]
         began = time.process_time()
         for k in stored:

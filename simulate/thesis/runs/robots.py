@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-
+from rtask.scratch import ScratchFolder
 from simulate.act.service import ActService
 from simulate.act.trials import place_test, reach_test, reasons
 from simulate.act.workspace import map_workspace
@@ -99,8 +97,8 @@ def workspace(setting: Setting) -> Result:
     reach = map_workspace(
         ArmSpace(describe("nao")), step=step, heights=heights, angles=6, seed=setting.seed
     )
-    with tempfile.TemporaryDirectory(prefix="rtask-reach-") as folder:
-        path = Path(folder) / "reach.png"
+    with ScratchFolder("reach") as folder:
+        path = folder / "reach.png"
         reach.write_png(path)
         drawn = path.read_bytes()
     return Result(

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -16,6 +14,7 @@ from features.recognition.views.sift import detect_keypoints
 from features.scene_change import SceneChangeGate
 from features.segmentation import segment_scene
 from features.segmentation.segment import segment_cloud
+from rtask.scratch import ScratchFolder
 from simulate.thesis.materials.pictures import png
 from simulate.thesis.materials.tables_seen import CAMERA, EYE, TARGET, SeenTable, seen_tables
 from simulate.thesis.result import Compared, Result, Setting, counted, share_of
@@ -180,10 +179,10 @@ def _watched(rng: np.random.Generator) -> tuple[int, int, int, int]:
     specs = sample_objects(rng, _PRODUCTS)
     gate, noise, light = SceneChangeGate(), SensorNoise(), Lighting.sample(rng)
     now, still, sent_still, noticed = 0.0, 0, 0, 0
-    with tempfile.TemporaryDirectory(prefix="rtask-culling-") as folder, World() as world:
+    with ScratchFolder("culling") as folder, World() as world:
         world.add_table(0.0)
         bodies = [
-            world.spawn(p.spec, (p.x, p.y), p.yaw, write_assets(p.spec, Path(folder)))
+            world.spawn(p.spec, (p.x, p.y), p.yaw, write_assets(p.spec, folder))
             for p in arrange(specs, rng)
         ]
         world.step(0.5)

@@ -5,6 +5,7 @@
     python bench_pose.py --starts 72         # a faster search
     python bench_pose.py --views 1 2 4 8     # against models that grow
     python bench_pose.py --views 8 --prints  # of things that carry print
+    python bench_pose.py --ycb FOLDER        # of YCB objects
     python bench_pose.py --fit               # refit the confidence
     python bench_pose.py --bop FOLDER        # a dataset of the BOP benchmark
 
@@ -71,15 +72,15 @@ class Trial:
     axis: AxisCheck | None = None
 
 
-def scenes_of(seeds: range, cache: Path | None) -> list[TableScene]:
-    """Make the scenes, or read them from a cache."""
-    found = []
+def scenes_of(seeds: range, cache: Path | None, ycb: Path | None = None) -> list[TableScene]:
+    """Make the scenes, of YCB objects where their folder is given, or read them from a cache."""
+    found, kind = [], "normal" if ycb is None else "ycb"
     for seed in seeds:
-        known = None if cache is None else cache / f"normal-{seed}.pickle"
+        known = None if cache is None else cache / f"{kind}-{seed}.pickle"
         if known is not None and known.is_file():
             found.append(pickle.loads(known.read_bytes()))
             continue
-        found.append(make_scene("normal", seed))
+        found.append(make_scene(kind, seed, ycb))
         if known is not None:
             known.parent.mkdir(parents=True, exist_ok=True)
             known.write_bytes(pickle.dumps(found[-1]))
@@ -280,6 +281,7 @@ def main() -> None:
     parser.add_argument("--masks", choices=("true", "predicted", "both"), default="both")
     parser.add_argument("--views", type=int, nargs="*", default=[], help="numbers of stored views")
     parser.add_argument("--prints", action="store_true", help="every thing carries print")
+    parser.add_argument("--ycb", type=Path, help="folder of the YCB models: scenes of these")
     parser.add_argument("--cache", type=Path, help="keep the scenes here")
     parser.add_argument("--fit", action="store_true")
     parser.add_argument("--failures", action="store_true", help="list them")
@@ -293,7 +295,7 @@ def main() -> None:
         run_bop(args.bop, args.split, PoseParams(starts=args.starts), args.results)
         return
     first, last = map(int, args.scenes.split(":"))
-    scenes, models = scenes_of(range(first, last), args.cache), Models(args.prints)
+    scenes, models = scenes_of(range(first, last), args.cache, args.ycb), Models(args.prints)
     if args.prints:
         scenes = [painted(scene) for scene in scenes]
     params = PoseParams(starts=args.starts, more_starts=max(args.starts // 2, 1))

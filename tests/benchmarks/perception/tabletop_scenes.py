@@ -104,7 +104,7 @@ class TableScene:
     """A noisy frame and the truth.
 
     ``labels`` (h, w): number of the object, 0 table, -1 nothing. ``plane`` (4,): the table in the
-    camera's frame.
+    camera's frame. ``world_from_camera`` (4, 4): z of the world is up.
     """
 
     frame: Frame
@@ -112,6 +112,7 @@ class TableScene:
     things: tuple[Thing, ...]
     plane: NDArray[np.float64]
     down: NDArray[np.float64]
+    world_from_camera: NDArray[np.float64]
 
 
 def make_scene(
@@ -121,6 +122,13 @@ def make_scene(
 
     With ``alone``, the name of one YCB object, only that one is dropped.
     """
+    return make_views(kind, seed, 1, ycb, clean, alone)[0]
+
+
+def make_views(
+    kind: str, seed: int, count: int, ycb: Path | None = None, clean: bool = False, alone: str = ""
+) -> list[TableScene]:
+    """Drop objects as :func:`make_scene` does, and take pictures from all round the table."""
     from simulate.world.world import World
 
     if kind not in KINDS:
@@ -145,7 +153,11 @@ def make_scene(
         bodies = _drop(client, kind, rng, ycb, alone)
         for _ in range(480):
             client.stepSimulation()
-        return _picture(client, table, bodies, rng, clean)
+        first = float(rng.uniform(0, 2 * np.pi))
+        return [
+            _picture(client, table, bodies, rng, clean, first + 2 * np.pi * k / count)
+            for k in range(count)
+        ]
 
 
 def _drop(
@@ -211,9 +223,10 @@ def _primitive(client: Any, rng: np.random.Generator, scale: float) -> tuple[int
 
 
 def _picture(
-    client: Any, table: int, bodies: dict[int, str], rng: np.random.Generator, clean: bool
-) -> TableScene:
-    azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(35, 60))
+    client: Any, table: int, bodies: dict[int, str], rng: np.random.Generator, clean: bool,
+    azimuth: float,
+) -> TableScene:  # fmt: skip
+    elevation = np.radians(rng.uniform(35, 60))
     distance = rng.uniform(0.75, 1.05)
     eye = distance * np.array(
         [
@@ -247,7 +260,8 @@ def _picture(
     measured = depth.astype(np.float32) if clean else kinect_noise(depth, CAMERA.fx, rng)
     up = camera_from_world[:3, 2]
     plane = np.append(up, -float(up @ camera_from_world[:3, 3]))
-    return TableScene(Frame(measured, CAMERA, rgb), labels, things, plane, -up)
+    back = np.linalg.inv(camera_from_world)
+    return TableScene(Frame(measured, CAMERA, rgb), labels, things, plane, -up, back)
 
 
 def _thing(

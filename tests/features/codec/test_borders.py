@@ -108,6 +108,25 @@ def test_rvl_depth_comes_back_exactly_and_its_truncations_are_refused() -> None:
             decode_rvl(stored[:length])
 
 
+def test_inverse_depth_behind_the_camera_is_no_measurement() -> None:
+    stored = struct.pack("<iff", 0, 100.0, 2_000.0) + _png(np.full((2, 3), 1_000, np.uint16))
+    assert not decode_compressed_depth("32FC1; compressedDepth", stored).any()
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        # Two values after no zeros: 70,000 and one less; then -1 and one less.
+        ((0x028CB9A4, 0x10000000), "fit into 16 bits"),
+        ((0x02110000,), "fit into 16 bits"),
+        ((0x02FFFFFF, 0xFFFFFFF1), "nibbles"),
+    ],
+)
+def test_rvl_beyond_16_bits_is_damaged_and_not_wrapped(words: tuple[int, ...], why: str) -> None:
+    with pytest.raises(CloudFormatError, match=why):
+        decode_rvl(struct.pack(f"<ii{len(words)}I", 2, 1, *words))
+
+
 @pytest.mark.parametrize(
     ("encoding", "is_depth_topic", "is_depth"),
     [("mono16", True, True), ("mono16", False, False), ("16UC1", False, True)],
@@ -182,6 +201,29 @@ def test_colours_of_a_ply_are_read_in_whatever_scale(names: str, kind: str, scal
     row = " ".join(str(value if kind == "float" else int(value)) for value in (scale, scale / 5, 0))
     cloud = decode(f"{head}{properties}end_header\n1 2 3 {row}\n".encode())
     assert cloud.colours.tolist() == [[255, 51, 0]]
+
+
+@pytest.mark.parametrize(
+    ("field", "packed"),
+    [("F 4", "4.210752e+06"), ("F 4", "5.90052e-39"), ("U 8", "4210752"), ("I 4", "4210752")],
+)
+def test_packed_colours_of_a_pcd_are_whole_numbers_or_their_bits(field: str, packed: str) -> None:
+    kind, size = field.split()
+    head = f"FIELDS x y z rgb\nSIZE 4 4 4 {size}\nTYPE F F F {kind}\nCOUNT 1 1 1 1\nWIDTH 1\n"
+    cloud = decode(f"{head}HEIGHT 1\nPOINTS 1\nDATA ascii\n1 2 3 {packed}\n".encode())
+    assert np.abs(cloud.colours.astype(int) - 64).max() <= 1  # of the bits, five digits are written
+
+
+@pytest.mark.parametrize("largest", [1.0001, 1.02, 255.0, 256.0])
+def test_a_scale_of_colours_exceeded_by_a_little_darkens_nothing(largest: float) -> None:
+    half = 0.5 if largest < 2 else 127.5
+    head = "ply\nformat ascii 1.0\nelement vertex 1\n" + "".join(
+        f"property float {name}\n" for name in ("x", "y", "z", "Red", "Green", "Blue")
+    )
+    text = f"{head}comment ends at end_header\nend_header\n1 2 3 {largest} {half} 0\n"
+    cloud = decode(text.encode())
+    assert cloud.colours[0, 0] == 255
+    assert abs(int(cloud.colours[0, 1]) - 128) <= 1
 
 
 @pytest.mark.parametrize(("kind", "row"), [("F", "1 .2 0"), ("U", "255 51 0")])
@@ -322,6 +364,17 @@ def test_a_grey_that_a_png_declares_transparent_is_cut_away() -> None:
     photo = read_photo(data[:at] + chunk + data[at:])
     assert photo.opaque is not None
     assert np.array_equal(~photo.opaque, grey == 7)
+
+
+def test_the_transparency_of_a_grey_tiff_is_not_passed_over() -> None:
+    # Grey and alpha of 2 x 1 px: entries of width, height, bits, compression, meaning, strips.
+    pixels = bytes((10, 255, 20, 0))
+    entries = [(256, 2), (257, 1), (258, 8), (259, 1), (262, 1), (273, 8), (277, 2), (278, 1),
+               (279, 4), (338, 2)]  # fmt: skip
+    table = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in entries)
+    directory = struct.pack("<H", len(entries)) + table + bytes(4)
+    with pytest.raises(CloudFormatError, match="transparency"):
+        read_photo(b"II*\0" + struct.pack("<I", 12) + pixels + directory)
 
 
 def test_pictures_that_show_nothing_are_refused() -> None:

@@ -182,3 +182,24 @@ def test_a_recording_gives_depth_with_colour(tmp_path):
     notes.write_text("no recording")
     with pytest.raises(CloudFormatError, match="no recording"):
         first_view(notes)
+
+
+@pytest.mark.parametrize(
+    ("names", "datatype", "count", "code"),
+    [
+        (("red", "green", "blue"), 2, 1, "u1"), (("R", "G", "B"), 2, 1, "u1"),
+        (("rgb",), 2, 3, "u1"),
+    ],
+)  # fmt: skip
+def test_colours_of_a_point_cloud_may_be_named_otherwise(names, datatype, count, code):
+    kind = np.dtype([("xyz", "<f4", 3), ("colour", code, 3)])
+    fields = [{"name": n, "offset": 4 * k, "datatype": 7, "count": 1} for k, n in enumerate("xyz")]
+    fields += [
+        {"name": name, "offset": 12 + k, "datatype": datatype, "count": count}
+        for k, name in enumerate(names)
+    ]
+    data = np.array([((0.1, 0.2, 0.7), (255, 51, 0))], kind).tobytes()
+    cloud = decode(pcd_from_point_cloud({
+        "height": 1, "width": 1, "fields": fields, "point_step": 15, "row_step": 15, "data": data,
+    }))  # fmt: skip
+    assert cloud.colours.tolist() == [[255, 51, 0]]

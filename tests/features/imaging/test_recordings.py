@@ -383,3 +383,54 @@ def test_an_image_of_a_part_of_the_sensor_has_the_camera_of_that_part(
     drive.image("/camera/depth/image_raw", 1005, "16UC1", depth_mm())
     view, _ = seen(drive, tmp_path)
     assert (view.intrinsics.fx, view.intrinsics.cx) == (fx, cx)
+
+
+@pytest.mark.parametrize("topic", ["/camera/depth/ir_image", "/camera/depth_ir/image_raw"])
+def test_infrared_in_the_name_space_of_depth_is_no_depth(tmp_path: Path, topic: str) -> None:
+    drive = Drive()
+    drive.camera(topic.rpartition("/")[0] + "/camera_info")
+    drive.image(topic, 1004, "mono16", depth_mm(3_000))
+    with pytest.raises(CloudFormatError, match="infrared"):
+        seen(drive, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "topic", ["/camera/depth/image_rect_raw", "/camera/aligned_depth_to_color/image_raw"]
+)
+def test_drawn_depth_is_no_photograph(tmp_path: Path, topic: str) -> None:
+    drive = Drive()
+    drive.image(topic, 1001, "rgb8", np.full((HEIGHT, WIDTH, 3), 9, "u1"))
+    drive.image("/camera/color/image_raw", 1015, "rgb8", np.full((HEIGHT, WIDTH, 3), 80, "u1"))
+    view, warnings = seen(drive, tmp_path)
+    assert view.rgb[20, 20].tolist() == [80, 80, 80]
+    assert ["drawing of depth" in one for one in warnings] == [True]
+
+
+def test_colour_of_a_camera_called_depth_is_colour(tmp_path: Path) -> None:
+    drive = Drive()
+    drive.camera("/depth_camera/depth/camera_info")
+    drive.image("/depth_camera/depth/image_raw", 1005, "16UC1", depth_mm())
+    drive.image("/depth_camera/image_raw", 1006, "rgb8", np.full((HEIGHT, WIDTH, 3), 80, "u1"))
+    view, warnings = seen(drive, tmp_path)
+    assert view.rgb[20, 20].tolist() == [80, 80, 80]
+    assert not warnings
+
+
+def test_a_rectified_image_whose_camera_has_no_p_is_named(tmp_path: Path) -> None:
+    drive = Drive()
+    drive.camera("/camera/depth_rectified/camera_info", d=BENT)
+    drive.image("/camera/depth_rectified/image", 1005, "16UC1", depth_mm())
+    view, warnings = seen(drive, tmp_path)
+    assert (view.depth_m == view.depth_m[0, 0]).all()
+    assert ["has no P" in one for one in warnings] == [True]
+
+
+@pytest.mark.parametrize(
+    "k", [[0.9, 0, 0.5, 0, 1.2, 0.5, 0, 0, 1], [6e7, 0, 31.5, 0, 6e7, 23.5, 0, 0, 1]]
+)
+def test_a_camera_that_is_not_described_in_pixels_is_refused(tmp_path: Path, k: Any) -> None:
+    drive = Drive()
+    drive.camera("/camera/depth/camera_info", k=k)
+    drive.image("/camera/depth/image_raw", 1005, "16UC1", depth_mm())
+    with pytest.raises(CloudFormatError, match="are they in px"):
+        seen(drive, tmp_path)

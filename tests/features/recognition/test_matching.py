@@ -7,6 +7,7 @@ import pytest
 
 from features.recognition import RecognitionIndex
 from features.recognition.comparison.votes import nearest_views
+from features.recognition.index import cascade
 from features.recognition.index.cascade import (
     FAR,
     build_tables,
@@ -49,6 +50,19 @@ def by_tables(query, stored, alive=None, bits=9, labels=None):
         *(query, query_codes, query_buckets, descriptors, codes, offsets, rows),
         *(labels, view, alive, bool(alive.all())),
     )
+
+
+def test_a_first_descriptor_in_empty_buckets_writes_nowhere(stored, monkeypatch):
+    """Compiled code checks no bounds: the same lines are run as Python, which does."""
+    descriptors, view, codes, buckets = stored
+    monkeypatch.setattr(cascade, "_distinct_rows", cascade._distinct_rows.py_func)
+    offsets, rows = build_tables(np.zeros_like(buckets), 8)  # all in bucket 0 of each table
+    elsewhere = np.ones((1, buckets.shape[1]), np.uint32)
+    best, nearest, _, rival = match_tables.py_func(
+        *(descriptors[:1], codes[:1], elsewhere, descriptors, codes, offsets, rows),
+        *(np.arange(12, dtype=np.int32), view, np.ones(len(view), np.uint8), True),
+    )
+    assert (best.tolist(), nearest.tolist(), rival.tolist()) == ([-1], [FAR], [FAR])
 
 
 def by_codes(query, stored, alive=None):

@@ -24,7 +24,7 @@ from features.segmentation.supervoxels import Supervoxels, grow_supervoxels
 from features.segmentation.voxels import VoxelGrid, build_voxels
 
 CAMERA = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
-_TILT = 0.9  # rad, camera looks down at the table
+TILT = 0.9  # rad, camera looks down at the table
 
 
 def _scene(*spheres_and_boxes, noise: float = 0.0, seed: int = 0) -> np.ndarray:
@@ -37,7 +37,7 @@ def _scene(*spheres_and_boxes, noise: float = 0.0, seed: int = 0) -> np.ndarray:
     rays = np.stack(
         [(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], -1
     )
-    s, c = np.sin(_TILT), np.cos(_TILT)
+    s, c = np.sin(TILT), np.cos(TILT)
     table_from_camera = np.array([[1, 0, 0], [0, -s, c], [0, -c, -s]])
     origin = -table_from_camera @ np.array([0, 0, 0.7])
     directions = rays @ table_from_camera.T
@@ -76,10 +76,10 @@ THREE = (
 def test_the_table_plane_is_found_to_a_degree_and_a_millimetre() -> None:
     plane = find_table_plane(_scene(*THREE, noise=0.001))
     assert plane is not None
-    expected = np.array([0, -np.cos(_TILT), -np.sin(_TILT)])
+    expected = np.array([0, -np.cos(TILT), -np.sin(TILT)])
     # Least squares over thousands of points with 1 mm noise: far below these bounds.
     assert np.degrees(np.arccos(plane.normal @ expected)) < 0.5
-    assert plane.offset == pytest.approx(0.7 * np.sin(_TILT), abs=1e-3)
+    assert plane.offset == pytest.approx(0.7 * np.sin(TILT), abs=1e-3)
 
 
 @pytest.mark.slow

@@ -166,3 +166,22 @@ def test_a_frame_that_is_of_no_use_is_refused(tmp_path):
         error = run(*arguments).exception
         assert isinstance(error, UsageError)
         assert words in str(error)
+
+
+def test_views_at_several_times_are_cut_together(tmp_path):
+    at = ("base_link", "camera_optical", link_from_camera(), 0, True)
+    file = record(tmp_path / "rec", at, STANDS)
+    alone = json.loads(run(file, "--json").stdout)
+    both = json.loads(run(file, "--also-at", "0", "--json").stdout)
+    assert both["frame"] == "base_footprint"
+    assert both["table_height_m"] == pytest.approx(alone["table_height_m"], abs=0.002)
+    centres = [sorted(row["centroid_m"] for row in answer["objects"]) for answer in (alone, both)]
+    assert len(centres[1]) == 2
+    # By both rules an object is there; the rule for several views leaves no part out.
+    assert np.allclose(*centres, atol=0.01)
+
+
+def test_several_times_need_to_know_where_the_camera_was(tmp_path):
+    error = run(record(tmp_path / "rec"), "--also-at", "0").exception
+    assert isinstance(error, UsageError)
+    assert "--also-at: needs a recording whose TF" in str(error)

@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
-from features.imaging.topics import Topic
+from features.imaging.topics import Topic, is_rectified_topic
 from rtask.errors import RemoteUnavailableError
 from rtask.interop.ros.views.newest import NewestView
+from rtask.ros2.camera import is_rectified
 
 NOW = SimpleNamespace(sec=0, nanosec=0)
 
@@ -77,3 +78,15 @@ def test_depth_that_was_laid_over_colour_is_told_by_its_name_as_in_recordings(na
     except RemoteUnavailableError:
         is_taken = False
     assert is_taken == Topic(name, "sensor_msgs/msg/Image", "16UC1").is_aligned
+
+
+@pytest.mark.parametrize(
+    ("topic", "answer"),
+    [
+        ("/camera/depth/image_rect_raw", True), ("/camera/rgb/image_rect_color/compressed", True),
+        ("/left/rect/image", True), ("/camera/depth_rectified/image", True),
+        ("/camera/depth/image_raw", False), ("/rectangles/image", False), ("/direct/image", False),
+    ],
+)  # fmt: skip
+def test_nodes_and_recordings_tell_rectified_images_by_one_rule(topic: str, answer: bool):
+    assert (is_rectified(topic), is_rectified_topic(topic)) == (answer, answer)

@@ -53,6 +53,28 @@ def test_a_view_is_cut_into_objects_each_with_its_crop(host, view):
     assert np.linalg.norm(found.table[:3]) == pytest.approx(1.0)
 
 
+def test_views_of_several_cameras_are_cut_together(host):
+    frame, pose = scene_view(), pose_message(BASE_FROM_CAMERA)
+    views = [{"cloud": encode_frame(frame), "sensor_pose": pose}] * 2
+    one = host.call("rtask/Segmentation", "segment_views", {"views": views[:1]}).as_json()
+    both = host.call("rtask/Segmentation", "segment_views", {"views": views}).as_json()
+    assert both["table_height"] == pytest.approx(
+        perceive(frame, BASE_FROM_CAMERA).table_height, abs=0.002
+    )
+    assert len(both["objects"]) == len(one["objects"]) == 2
+    for alone, joined in zip(one["objects"], both["objects"], strict=True):
+        assert joined["points"] == pytest.approx(2 * alone["points"], rel=0.1)
+        assert sorted(each["view"] for each in joined["seen"]) == [0, 1]
+        crop = decode(base64.b64decode(joined["seen"][0]["cloud"]))
+        assert isinstance(crop, Frame)
+        cloud = decode(base64.b64decode(joined["cloud"]))
+        assert cloud.points().mean(axis=0) == pytest.approx(joined["centroid"], abs=0.002)
+    with pytest.raises(ServiceError, match=r"views\[1\]\.cloud"):
+        host.call("rtask/Segmentation", "segment_views", {
+            "views": [views[0], {"cloud": b"none", "sensor_pose": pose}]
+        })  # fmt: skip
+
+
 def test_a_cloud_message_and_depth_with_colour_are_perceived_alike(host):
     frame = scene_view()
     pose = pose_message(BASE_FROM_CAMERA)

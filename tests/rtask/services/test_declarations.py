@@ -176,7 +176,7 @@ def test_a_package_whose_services_cannot_be_loaded_is_left_out(monkeypatch, tmp_
     (tmp_path / "broken_services.py").write_text("undefined_name\n")
     monkeypatch.syspath_prepend(tmp_path)
     entries = [EntryPoint(n, n, GROUP) for n in ("broken_services", "tests.rtask.services.lab")]
-    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: entries)
+    monkeypatch.setattr("rtask.services.registry._entries", lambda: entries)
     assert [one.__name__ for one in installed()] == ["tests.rtask.services.lab"]
     assert "services of broken_services cannot be loaded" in caplog.text
 

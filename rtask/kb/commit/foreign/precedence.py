@@ -9,11 +9,9 @@ statements on which the proof of the contradiction rests are looked at.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain, islice
 from typing import Any
-from urllib.parse import unquote
 
 from pyoxigraph import NamedNode, Quad
 
@@ -24,12 +22,12 @@ from rtask.kb.commit.foreign.supports import Support, support_of
 from rtask.kb.commit.quarantine import RESTS_IN, record, records_in
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.minters import Minters
 from rtask.kb.store.overlay import Overlay
 from rtask.rdf.terms import Term, TripleKey, triple_key
 
 __all__ = ["MAX_RECORDED", "MAX_SET_ASIDE", "NamePrecedence", "minted_by"]
 
-_MINTED = re.compile(r"(?:robot|person|agent|graph/agent)/([^/#]+)")
 _SAME_AS = NamedNode(ontology.PREFIXES["owl"] + "sameAs")
 _OBJECT_ID = NamedNode(ontology.NS + "objectId")
 _ROUNDS = 20
@@ -52,10 +50,7 @@ def minted_by(term: Term, graphs: Graphs) -> str | None:
     >>> minted_by(NamedNode("urn:cup"), Graphs("urn:lab/")) is None
     True
     """
-    if not isinstance(term, NamedNode) or not term.value.startswith(graphs.base):
-        return None
-    match = _MINTED.match(term.value, len(graphs.base))
-    return None if match is None else unquote(match[1])
+    return Minters(graphs.base)(term.value) if isinstance(term, NamedNode) else None
 
 
 class NamePrecedence:
@@ -142,12 +137,18 @@ class NamePrecedence:
         )
 
     def give_way_to_ids(self, change: Overlay) -> None:
-        """Withdraw the ids that others have given to the author's names and that it now gives."""
+        """Withdraw the ids that others have given and that the author now gives to its own names.
+
+        Those of the author's names, and those that begin with its name, are its to give.
+        """
         for quad in list(change.added):
             if quad.predicate != _OBJECT_ID or not self._is_own(quad.subject):
                 continue
+            is_own = str(getattr(quad.object, "value", "")).startswith(f"{self._access.agent}/")
             for other in self._store.quads_for_pattern(None, _OBJECT_ID, quad.object, None):
-                if other.subject != quad.subject and self._is_strangers(other):
+                if other.subject == quad.subject:
+                    continue
+                if self._is_strangers(other) or (is_own and self._author_gives_way(other)):
                     reason = f"{self._who()} states {_words(triple_key(quad))}"
                     self._set_aside(change, other, reason)
 
@@ -246,11 +247,17 @@ class NamePrecedence:
 
     def _is_strangers(self, quad: Quad) -> bool:
         """Tell whether somebody without the right states something of a name of the author."""
+        author, names = self._graphs.owner(quad.graph_name), (quad.subject, quad.object)
+        return self._author_gives_way(quad) and any(
+            self._is_own(n) and minted_by(n, self._graphs) != author for n in names
+        )
+
+    def _author_gives_way(self, quad: Quad) -> bool:
+        """Tell whether a statement is of somebody else without the right."""
         author = self._graphs.owner(quad.graph_name)
-        if author is None or author == self._access.agent or self._has_schema(author):
+        if author is None or author == self._access.agent:
             return False
-        names = (quad.subject, quad.object)
-        return any(self._is_own(n) and minted_by(n, self._graphs) != author for n in names)
+        return not self._has_schema(author)
 
     def _stated_by_owner(
         self, triple: TripleKey, support: Sequence[TripleKey]

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from pyoxigraph import Literal, NamedNode, Quad
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
 import rtask
+from rtask.cli.doctor import _contested
 from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Request
+from rtask.kb.commit.foreign.claims import contested_keys
 from rtask.knowledge_base import KnowledgeBase
 
 RT = "https://w3id.org/rtask-kg/ns#"
@@ -23,20 +26,27 @@ PREFIXES = (
 )
 ITS = """
     its:robot a cora:Robot ; rt:serialNumber "S1" .
+    its:robot2 a cora:Robot ; rt:serialNumber "S2" .
+    its:robot3 a cora:Robot ; rt:serialNumber "S3" .
     its:blob a rt:Blob ; rt:sha256 "0a" .
     its:data a rt:Dataset ; rt:qualifiedName "q/d" .
     its:service a rt:Service ; rt:qualifiedName "q/s" ; rt:version "1" .
     its:seen rt:bestMatch its:image .
     its:call rt:calledMethod its:method .
     its:other rt:name "another method" .
+    <urn:its> a cora:Robot ; rt:serialNumber "S9" .
 """
+CONTESTED = {
+    "of robots": 'my:r a cora:Robot ; rt:serialNumber "S1"',
+    "of a name of no namespace": '<urn:z> rt:serialNumber "S2" ; a cora:Robot',
+    "of a blank node": '[] a cora:Robot ; rt:serialNumber "S3"',
+    "by the range of a property": 'my:x rt:hasBlob my:b . my:b rt:sha256 "0a"',
+    "of datasets": 'my:d a rt:Dataset ; rt:qualifiedName "q/d"',
+    "of two properties": 'my:s a rt:Service ; rt:version "1" ; rt:qualifiedName "q/s"',
+}
+"""Keys of things that others have named."""
 MERGING = {
-    "key": 'my:r a cora:Robot ; rt:serialNumber "S1"',
-    "key of a name of no namespace": 'rt:serialNumber "S1" ; a cora:Robot',
-    "key of a blank node": '[] a cora:Robot ; rt:serialNumber "S1"',
-    "key by the range of a property": 'my:x rt:hasBlob my:b . my:b rt:sha256 "0a"',
-    "key of datasets": 'my:d a rt:Dataset ; rt:qualifiedName "q/d"',
-    "key of two properties": 'my:s a rt:Service ; rt:version "1" ; rt:qualifiedName "q/s"',
+    "key of names of no namespace": '<urn:x> rt:serialNumber "S9" ; a cora:Robot',
     "functional, of others": "its:seen rt:bestMatch my:image",
     "functional, two of others": "my:call rt:calledMethod its:method, its:other",
     "functional, one of others": "my:call rt:calledMethod my:method, its:method",
@@ -45,7 +55,7 @@ HARMLESS = (
     "my:seen rt:bestMatch my:one, my:two",
     'my:s a rt:Service ; rt:version "2" ; rt:qualifiedName "q/s"',
     'my:d a rt:Service ; rt:version "1" ; rt:qualifiedName "q/d"',
-    'my:r a cora:Robot ; rt:serialNumber "S2" . my:r2 a cora:Robot ; rt:serialNumber "S2"',
+    'my:r a cora:Robot ; rt:serialNumber "S4" . my:r2 a cora:Robot ; rt:serialNumber "S4"',
     'its:robot rt:serialNumber "S1" ; rt:name "seen by me"',
 )
 
@@ -65,12 +75,9 @@ def insert(kb: KnowledgeBase, statements: str, agent: str, **options) -> rtask.C
 def test_what_makes_an_individual_of_others_another_needs_the_right(
     kb: KnowledgeBase, kind: str
 ) -> None:
-    statements = MERGING[kind]
-    if kind.endswith("no namespace"):
-        statements = f"<urn:x> {statements}"
     seq = kb.seq
     with pytest.raises(ForbiddenError, match="are the same, and others use them") as refused:
-        insert(kb, statements, "nao-1")
+        insert(kb, MERGING[kind], "nao-1")
     details = refused.value.details
     assert details["right"] == "schema"
     assert details["statement"] in str(refused.value)
@@ -80,9 +87,54 @@ def test_what_makes_an_individual_of_others_another_needs_the_right(
 
 def test_the_value_that_both_have_is_named(kb: KnowledgeBase) -> None:
     with pytest.raises(ForbiddenError) as refused:
-        insert(kb, MERGING["key"], "nao-1")
-    assert refused.value.details["statement"] == (f'<{BASE}robot/nao-1/r> <{RT}serialNumber> "S1"')
-    assert f"<{BASE}robot/nao-2/robot> has that as well" in str(refused.value)
+        insert(kb, MERGING["key of names of no namespace"], "nao-1")
+    assert refused.value.details["statement"] == f'<urn:x> <{RT}serialNumber> "S9"'
+    assert "<urn:its> has that as well" in str(refused.value)
+
+
+@pytest.mark.parametrize("first", ["nao-1", "nao-2"])
+def test_a_key_that_two_robots_claim_makes_nothing_one_and_stops_neither(first: str) -> None:
+    texts = {"nao-1": [*CONTESTED.values()], "nao-2": [ITS]}
+    second = next(name for name in texts if name != first)
+    with rtask.open(":memory:", base=BASE) as kb:
+        for text in texts[first]:
+            assert insert(kb, text, first).remark is None
+        for text in texts[second]:
+            told = insert(kb, text, second).remark
+            assert told is not None
+            assert "both stand" in told
+        assert not kb.query(f"{PREFIXES}ASK {{ ?x owl:sameAs ?y FILTER(?x != ?y) }}")
+        assert not kb.quarantined()
+        claims = contested_keys(kb.store, kb.graphs)
+        assert len(claims) == len(CONTESTED)
+        assert all("nao-2" in claim.owners for claim in claims)
+        assert kb.verify() == []
+        insert(kb, "its:new rt:name 'goes on'", "nao-2")
+        insert(kb, "my:new rt:name 'goes on'", "nao-1")
+        for claim in claims:
+            if isinstance(claim.first, NamedNode) and isinstance(claim.second, NamedNode):
+                text = f"INSERT DATA {{ {claim.first} owl:sameAs {claim.second} }}"
+                kb.update(PREFIXES + text)
+        [left] = contested_keys(kb.store, kb.graphs)
+        assert BlankNode in (type(left.first), type(left.second))
+
+
+def test_what_an_operator_states_to_be_one_decides_for_keys_in_any_order() -> None:
+    """A class of names of two owners is one, by a key, with the names of either."""
+    with rtask.open(":memory:", base=BASE) as kb:
+        for n, order in enumerate(itertools.permutations(("robots", "keys", "same"))):
+            texts = {
+                "robots": f"my:a{n} a cora:Robot . its:b{n} a cora:Robot ; rt:serialNumber '{n}'",
+                "keys": f"my:c{n} a cora:Robot ; rt:serialNumber '{n}'",
+                "same": f"my:a{n} owl:sameAs its:b{n}",
+            }
+            for name in order:
+                kb.update(f"{PREFIXES}INSERT DATA {{ {texts[name]} }}")
+            assert kb.query(f"{PREFIXES}ASK {{ its:b{n} owl:sameAs my:c{n} }}"), order
+            assert n or kb.verify() == []
+            kb.update(f"{PREFIXES}DELETE DATA {{ {texts['same']} }}")
+            assert not kb.query(f"{PREFIXES}ASK {{ ?x owl:sameAs ?y FILTER(?x != ?y) }}"), order
+        assert kb.verify() == []
 
 
 @pytest.mark.parametrize("statements", HARMLESS)
@@ -93,12 +145,12 @@ def test_own_individuals_and_other_values_need_no_right(kb: KnowledgeBase, state
 def test_an_operator_and_a_robot_with_the_right_may_do_so() -> None:
     with rtask.open(":memory:", base=BASE) as kb:
         insert(kb, ITS, "nao-2")
-        text = f"{PREFIXES}INSERT DATA {{ {MERGING['key']} }}"
+        text = f"{PREFIXES}INSERT DATA {{ {MERGING['functional, of others']} }}"
         access = Access("nao-1", "robot", frozenset({"schema"}))
         with pytest.raises(ForbiddenError):
             kb.update(text, access=Access("nao-1", "robot"))
         assert kb.update(text, access=access).added
-        assert kb.query(f"{PREFIXES}ASK {{ its:robot owl:sameAs my:r }}")
+        assert kb.query(f"{PREFIXES}ASK {{ its:image owl:sameAs my:image }}")
 
 
 def test_a_bulk_load_that_does_so_is_withdrawn(tmp_path: Path) -> None:
@@ -112,8 +164,8 @@ def test_a_bulk_load_that_does_so_is_withdrawn(tmp_path: Path) -> None:
         )
         load = [
             Quad(NamedNode(mine + "r"), has, Literal("S0"), home),
-            Quad(NamedNode(mine + "q"), a, NamedNode(CORA + "Robot"), home),
-            Quad(NamedNode(mine + "q"), has, Literal("S1"), home),
+            Quad(NamedNode("urn:q"), a, NamedNode(CORA + "Robot"), home),
+            Quad(NamedNode("urn:q"), has, Literal("S9"), home),
         ]
         before = set(kb.match(None, None, None, None))
         request = Request(kb.access("nao-1"))
@@ -122,8 +174,12 @@ def test_a_bulk_load_that_does_so_is_withdrawn(tmp_path: Path) -> None:
         assert set(kb.match(None, None, None, None)) == before
         assert kb.bulk_add(load[:2], home, request) > 0
     with rtask.open(tmp_path / "kb") as kb:
-        assert not kb.query(f"{PREFIXES}ASK {{ my:q rt:serialNumber ?any }}")
-        assert kb.query(f"{PREFIXES}ASK {{ my:q a cora:Robot }}")
+        assert not kb.query(f"{PREFIXES}ASK {{ <urn:q> rt:serialNumber ?any }}")
+        assert kb.query(f"{PREFIXES}ASK {{ <urn:q> a cora:Robot }}")
+        insert(kb, CONTESTED["of robots"].replace("my:r", "my:z"), "nao-1")
+    finding = _contested(tmp_path / "kb")
+    assert (finding.state, finding.detail[:11]) == ("note", "1 contested")
+    assert "serialNumber" in finding.detail
 
 
 def test_what_a_killed_load_would_have_been_refused_for_is_set_aside_at_the_next_opening(
@@ -140,8 +196,9 @@ def test_what_a_killed_load_would_have_been_refused_for_is_set_aside_at_the_next
         home, mine = kb.graphs.agent("nao-1"), f"{BASE}robot/nao-1/"
         has = NamedNode(RT + "serialNumber")
         a = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
-        robots = [Quad(NamedNode(mine + name), a, NamedNode(CORA + "Robot"), home) for name in "qr"]
-        key = Quad(NamedNode(mine + "q"), has, Literal("S1"), home)
+        names = (NamedNode("urn:q"), NamedNode(mine + "r"))
+        robots = [Quad(name, a, NamedNode(CORA + "Robot"), home) for name in names]
+        key = Quad(names[0], has, Literal("S9"), home)
         request = Request(kb.access("nao-1"))
         with monkeypatch.context() as patched:
             patched.setattr("rtask.kb.commit.bulk._require_identity", kill)

@@ -164,6 +164,9 @@ def meanwhile(shared: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> list[rt
         return wait(trial, until)
 
     monkeypatch.setattr(derivation.Trial, "outcome", write_and_wait)
+    # On a busy machine the copy would be late, and be given up for another one.
+    for patience in ("_CATCH_UP_S", "_LOCKED_S"):
+        monkeypatch.setattr(derivation, patience, 60.0)
     return commits
 
 

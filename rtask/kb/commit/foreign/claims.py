@@ -1,0 +1,159 @@
+"""Contested keys: things of several contributors that have the same value of a key.
+
+A serial number tells which robot a thing is, but anybody can state it of a thing of its own, and
+nobody here can know who is right. So both statements stand, and the reasoner makes nothing of it
+(`reasoner.fixpoint.ownership`); whoever states such a value is told, and `rtask doctor` lists them
+until an operator withdraws one or states that the two are the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+from pyoxigraph import BlankNode, NamedNode, Quad
+
+import ontology
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.minters import Minters
+from rtask.rdf.terms import RDF_TYPE, Subject, Term
+
+__all__ = ["ContestedKey", "Keys", "contested_keys"]
+
+_OWL, _RDF = ontology.PREFIXES["owl"], ontology.PREFIXES["rdf"]
+_HAS_KEY = NamedNode(_OWL + "hasKey")
+_SAME_AS = NamedNode(_OWL + "sameAs")
+_UNIQUE = NamedNode(_OWL + "InverseFunctionalProperty")
+_FIRST, _REST = NamedNode(_RDF + "first"), NamedNode(_RDF + "rest")
+_MAX_LENGTH = 100
+
+
+@dataclass(frozen=True)
+class ContestedKey:
+    """Two things of different contributors with the same values of a key.
+
+    Parameters
+    ----------
+    first, second
+        The things.
+    statement
+        One of the first that the second has as well.
+    owners
+        Who minted their names; ``None`` for names of nobody.
+    """
+
+    first: Subject
+    second: Subject
+    statement: Quad
+    owners: tuple[str | None, str | None]
+
+    def __str__(self) -> str:
+        who = " and ".join(owner or "nobody in particular" for owner in self.owners)
+        return (
+            f"{self.first} and {self.second}, names of {who}, both have {self.statement.predicate} "
+            f"{self.statement.object}, a key"
+        )
+
+
+class Keys:
+    """The keys of a graph: lists of properties whose values together belong to one thing.
+
+    Parameters
+    ----------
+    of
+        For each list its class; ``None`` for an inverse functional property, a key of all.
+    """
+
+    def __init__(self, of: Iterable[tuple[tuple[NamedNode, ...], Term | None]] = ()) -> None:
+        self.of = list(of)
+        self._of_property: dict[NamedNode, list[tuple[tuple[NamedNode, ...], Term | None]]] = {}
+        for key in self.of:
+            for name in key[0]:
+                self._of_property.setdefault(name, []).append(key)
+
+    @classmethod
+    def read(cls, store: GraphStore) -> Keys:
+        """Return the keys that a store holds."""
+        unique = store.quads_for_pattern(None, RDF_TYPE, _UNIQUE, None)
+        names = {quad.subject: None for quad in unique if isinstance(quad.subject, NamedNode)}
+        keys: dict[tuple[tuple[NamedNode, ...], Term | None], None] = {}
+        keys.update(dict.fromkeys(((name,), None) for name in names))
+        for quad in store.quads_for_pattern(None, _HAS_KEY, None, None):
+            properties = tuple(_members(store, quad.object))
+            if properties:
+                keys[properties, quad.subject] = None
+        return cls(keys)
+
+    def contested(
+        self, quads: Iterable[Quad], store: GraphStore, graphs: Graphs
+    ) -> Iterator[ContestedKey]:
+        """Yield what statements in the store, or about to be, give of keys that others have."""
+        owner = Minters(graphs.base)
+        for quad in quads:
+            keys = self._of_property.get(quad.predicate)
+            if keys is None:
+                continue
+            mine = _owner(quad.subject, owner)
+            for other in store.quads_for_pattern(None, quad.predicate, quad.object, None):
+                theirs = _owner(other.subject, owner)
+                if theirs != mine and graphs.is_input(other.graph_name):
+                    pair = (quad.subject, other.subject)
+                    if any(_have_same(pair, key, store) for key in keys):
+                        yield ContestedKey(*pair, quad, (mine, theirs))
+
+
+def contested_keys(store: GraphStore, graphs: Graphs, limit: int = 1_000) -> list[ContestedKey]:
+    """Return all contested keys, each pair of things once."""
+    keys = Keys.read(store)
+    claims: dict[frozenset[Subject], ContestedKey] = {}
+    for properties, _ in keys.of:
+        stated = store.quads_for_pattern(None, properties[0], None, None)
+        own = (quad for quad in stated if graphs.is_input(quad.graph_name))
+        for claim in keys.contested(own, store, graphs):
+            claims.setdefault(frozenset((claim.first, claim.second)), claim)
+            if len(claims) == limit:
+                return [*claims.values()]
+    return [*claims.values()]
+
+
+def _owner(term: Subject, owner: Minters) -> str | None:
+    return owner(term.value) if isinstance(term, NamedNode) else None
+
+
+def _members(store: GraphStore, cell: Term) -> Iterator[NamedNode]:
+    for _ in range(_MAX_LENGTH):
+        if not isinstance(cell, NamedNode | BlankNode):
+            return
+        first = next(iter(store.quads_for_pattern(cell, _FIRST, None, None)), None)
+        rest = next(iter(store.quads_for_pattern(cell, _REST, None, None)), None)
+        if first is None or rest is None:
+            return  # the list ends
+        if isinstance(first.object, NamedNode):
+            yield first.object
+        cell = rest.object
+
+
+def _have_same(
+    pair: tuple[Subject, Subject],
+    key: tuple[tuple[NamedNode, ...], Term | None],
+    store: GraphStore,
+) -> bool:
+    """Tell whether two things that are not known to be one agree in the values of a key."""
+    (first, second), (properties, kind) = pair, key
+
+    def holds(subject: Subject, predicate: NamedNode, value: Term) -> bool:
+        return any(True for _ in store.quads_for_pattern(subject, predicate, value, None))
+
+    if kind is not None and not all(holds(thing, RDF_TYPE, kind) for thing in pair):
+        return False
+    if holds(first, _SAME_AS, second) or holds(second, _SAME_AS, first):
+        return False
+    return all(
+        any(
+            holds(second, name, quad.object)
+            for quad in islice(store.quads_for_pattern(first, name, None, None), _MAX_LENGTH)
+        )
+        for name in properties
+    )
