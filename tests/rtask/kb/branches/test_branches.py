@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import datetime as dt
-import os
 import random
 import signal
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -34,6 +31,7 @@ from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import Quad, TripleKey, iri
+from tests.commands import run_program
 
 _RT = ontology.NS
 _PREFIXES = f"PREFIX rt: <{_RT}> " + " ".join(
@@ -406,9 +404,7 @@ def test_a_killed_process_loses_nothing_of_a_branch(kb: KnowledgeBase, tmp_path:
         "kb.update('INSERT DATA { <urn:c2> a <urn:Cup> }')\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script, tmp_path / "kb"], env=os.environ, check=False
-    )
+    done = run_program(script, str(tmp_path / "kb"))
     assert done.returncode == -signal.SIGKILL
     with rtask.open(tmp_path / "kb", ontologies=False) as again:
         branch = again.open_branch("killed")
