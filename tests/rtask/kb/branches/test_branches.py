@@ -204,6 +204,19 @@ def test_two_values_of_a_functional_property_are_a_conflict(kb: KnowledgeBase) -
     assert not _holds(kb, "<urn:c0> <urn:mass> 0.5e0")
 
 
+def test_conflicts_that_were_not_looked_for_are_announced(
+    kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    branch = kb.branch("many")
+    values = "INSERT DATA {{ <urn:c1> <urn:mass> {0} . <urn:c2> <urn:mass> {0} }}"
+    _write(branch.graph, values.format("0.5e0"))
+    _write(kb, values.format("0.7e0"))
+    assert [c.kind for c in branch.compare().conflicts][:2] == ["value", "value"]
+    monkeypatch.setattr("rtask.kb.branches.comparison.MAX_CONFLICTS", 1)
+    assert [c.kind for c in branch.compare().conflicts][:2] == ["value", "more"]
+    branch.drop()
+
+
 def test_the_same_change_on_both_sides_is_no_conflict(kb: KnowledgeBase) -> None:
     branch = kb.branch("same")
     for graph in (kb, branch.graph):
