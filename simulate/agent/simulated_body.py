@@ -164,9 +164,8 @@ class RobotAtTable:
     def _picture(self, plan: PlannedGrasp) -> bytes:
         side = "left" if plan.request.y > 0 else "right"
         rgb = photograph(self.world, self.eyes.camera, _PICTURE_SIZE, side, self.eyes.lighting)
-        _, picture = cv2.imencode(
-            self._suffix, rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
-        )
+        quality = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if self._suffix != ".png" else []
+        _, picture = cv2.imencode(self._suffix, rgb[..., ::-1], quality)
         return picture.tobytes()
 
 
