@@ -6,6 +6,8 @@ import json
 import os
 import signal
 import sys
+import threading
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
@@ -54,6 +56,11 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
     type=click.Path(path_type=Path, dir_okay=False),
     help="Also pack store and report into this file (.tar.xz), with small pictures.",
 )
+@click.option(
+    "--films",
+    is_flag=True,
+    help="Also film each attempt with two cameras, for data sets of LeRobot.",
+)
 @click.option("--keep", is_flag=True, help="Continue with the store of an earlier run.")
 @click.option("--gui", is_flag=True, help="Show the simulation in a window.")
 @click.option("--stay", is_flag=True, help="Keep the endpoint running afterwards, until Ctrl-C.")
@@ -86,6 +93,11 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
     type=click.Choice(["left", "right"]),
     help="With --proof: end of the carton that breaks.  [default: asked on a terminal, else left]",
 )
+@click.option(
+    "--page",
+    is_flag=True,
+    help="With --proof: pick that end in a browser, and watch there, until Ctrl-C.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 def demo(
     seed: int,
@@ -96,6 +108,7 @@ def demo(
     data: Path | None,
     recorded: bool,
     record: Path | None,
+    films: bool,
     keep: bool,
     gui: bool,
     stay: bool,
@@ -107,6 +120,7 @@ def demo(
     queries: bool,
     proof: bool,
     weak: Literal["left", "right"] | None,
+    page: bool,
     as_json: bool,
 ) -> None:
     """Watch a robot learn to grasp, and other robots benefit from it.
@@ -117,8 +131,8 @@ def demo(
     SPARQL queries on the live store as well. --recorded shows pages, report and pictures of an
     earlier run in seconds.
 
-    --proof takes --weak, --seed, --robot, --attempts, --data, --port, --stay and --json, and no
-    other options.
+    --proof takes --weak, --page, --seed, --robot, --attempts, --data, --port, --stay and --json,
+    and no other options.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
@@ -136,7 +150,7 @@ def demo(
     if proof:
         source = click.get_current_context().get_parameter_source("attempts")
         given = attempts if source is ParameterSource.COMMANDLINE else None
-        _prove(weak, seed, kinds, given, data, port, stay, as_json)
+        _prove(weak, page, seed, kinds, given, data, port, stay, as_json)
         return
     from simulate.demo.console import Console
     from simulate.demo.orchestrate import Demo, Settings, objects_on_table, robots_in_all
@@ -148,7 +162,7 @@ def demo(
         data, seed, objects_on_table(products, objects), robots_in_all(products, kinds, robots),
         attempts, keep, gui, port,
         kinds=kinds, products=products, min_grasp=min_grasp, cautious=cautious, details=details,
-        queries=queries, small_pictures=record is not None,
+        queries=queries, small_pictures=record is not None, films=films,
     )  # fmt: skip
     result = Demo(settings, Console(results=not as_json)).run(stay)
     if record is not None:
@@ -160,7 +174,7 @@ def demo(
 
 
 _OF_PROOF = frozenset(
-    {"proof", "weak", "seed", "kinds", "attempts", "data", "port", "stay", "as_json"}
+    {"proof", "weak", "page", "seed", "kinds", "attempts", "data", "port", "stay", "as_json"}
 )
 
 
@@ -173,12 +187,13 @@ def _check_proof(proof: bool) -> None:
             continue
         if proof and name not in _OF_PROOF:
             raise UsageError(f"{parameter.opts[0]} does not concern --proof")
-        if not proof and name == "weak":
-            raise UsageError("--weak is for --proof")
+        if not proof and name in ("weak", "page"):
+            raise UsageError(f"--{name} is for --proof")
 
 
 def _prove(
     weak: Literal["left", "right"] | None,
+    page: bool,
     seed: int,
     kinds: tuple[str, ...],
     attempts: int | None,
@@ -190,20 +205,33 @@ def _prove(
     """Run ``rtask demo --proof``."""
     from simulate.demo.console import Console
     from simulate.demo.proof import Proof, ProofSettings
+    from simulate.demo.proof_stage import Stage, StageConsole
 
     if len(kinds) > 1:
         raise UsageError("--proof takes one --robot: the three differ in what they know alone")
-    end: str = weak or "left"
-    if weak is None and sys.stdin.isatty():
-        ends = click.Choice(["left", "right"])
-        end = click.prompt("Which end of the carton is to be weak", type=ends, err=True)
+    folder = data or Path("rtask-proof")
     settings = ProofSettings(
-        data or Path("rtask-proof"), "right" if end == "right" else "left", seed,
-        kinds[0] if kinds else "nao", attempts or ProofSettings.max_attempts, port,
+        folder, weak or "left", seed, kinds[0] if kinds else "nao",
+        attempts or ProofSettings.max_attempts, port,
     )  # fmt: skip
-    result = Proof(settings, Console(results=not as_json)).run(stay)
+    console, stage = Console(results=not as_json), None
+    if page:
+        stage = Stage(folder / "report")
+        console = StageConsole(stage, results=not as_json)
+        click.echo(f"pick the end, and watch, at {stage.url}", err=True)
+        settings = replace(settings, weak=weak or stage.wait() or "left")
+        stage.pick(settings.weak)
+    elif weak is None and sys.stdin.isatty():
+        ends = click.Choice(["left", "right"])
+        picked = click.prompt("Which end of the carton is to be weak", type=ends, err=True)
+        settings = replace(settings, weak="right" if picked == "right" else "left")
+    result = Proof(settings, console).run(stay and stage is None)
     if as_json:
         click.echo(json.dumps(result))
+    if stage is not None:
+        stage.finish()
+        console.step(f"{stage.url} stays until Ctrl-C")
+        threading.Event().wait()
 
 
 @click.group(invoke_without_command=True)

@@ -67,9 +67,21 @@ def start_command(
     )  # fmt: skip
 
 
+def run_program(
+    text: str, *arguments: str, given: str = "", check: bool = False
+) -> subprocess.CompletedProcess[str]:
+    """Run a program as ``python -c`` does, to its end; see :func:`run_command`.
+
+    A program whose imports are what is tested is run by the interpreter itself.
+    """
+    return run_command(text, *arguments, module="tests.program", given=given, check=check)
+
+
 def run_command(
     *arguments: str,
     environment: Mapping[str, str] | None = None,
+    module: str = "rtask",
+    given: str = "",
     folder: Path | None = None,
     timeout: float = _PATIENCE_S,
     check: bool = False,
@@ -82,6 +94,10 @@ def run_command(
         Of the command.
     environment
         Of the process; none for this one's.
+    module
+        What is run, if not ``rtask``.
+    given
+        What it reads from its standard input.
     folder
         Where it is run; none for the current folder.
     timeout
@@ -96,10 +112,16 @@ def run_command(
     subprocess.CalledProcessError
         It ended with another code than 0, and ``check`` was set.
     """
-    with tempfile.TemporaryFile("w+") as printed, tempfile.TemporaryFile("w+") as errors:
+    with (
+        tempfile.TemporaryFile("w+") as input_,
+        tempfile.TemporaryFile("w+") as printed,
+        tempfile.TemporaryFile("w+") as errors,
+    ):
+        input_.write(given)
+        input_.seek(0)
         process = start_command(
-            *arguments, environment=environment, folder=folder,
-            stdout=printed.fileno(), stderr=errors.fileno(),
+            *arguments, environment=environment, module=module, folder=folder,
+            stdin=input_.fileno(), stdout=printed.fileno(), stderr=errors.fileno(),
         )  # fmt: skip
         try:
             code = process.wait(timeout)

@@ -39,7 +39,11 @@ def commit_events(kb: KnowledgeBase, change: Change) -> list[Event]:
             (f"changed the graph: {change.note}", count) if change.note else (f"changed {count}",)
         )
         events = [Event("wrote", who, *describers)]
-    numbered = events[:MAX_LISTED]
+    if len(events) > MAX_LISTED:
+        shown = MAX_LISTED - 1
+        rest = f"and {len(events) - shown} more in one commit"
+        events = [*events[:shown], Event("wrote", who, rest, f"commit {seq}")]
+    numbered = events
     return [Event(**{**vars(event), "seq": seq, "time_s": at}) for event in numbered]
 
 
@@ -66,10 +70,9 @@ def _objects(kb: KnowledgeBase, who: str, added: Mapping[Any, _Facts]) -> list[E
     """Return the objects that are new to the graph: only those have a new id."""
     events: list[Event] = []
     for subject, facts in added.items():
-        if len(events) == MAX_LISTED:  # names of more would be looked up for nothing
-            break
         if RT.objectId in facts and isinstance(subject, NamedNode):
-            name = name_of(kb, subject)
+            # Further ones are only counted: their names would be looked up for nothing.
+            name = name_of(kb, subject) if len(events) < MAX_LISTED else subject.value
             events.append(
                 Event("wrote", who, f"told the graph of {name}", "a new object",
                       object=subject.value, object_name=name)

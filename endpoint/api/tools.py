@@ -23,7 +23,7 @@ from rtask.errors import RtaskError
 from rtask.services import ServiceHost
 from rtask.services.call import Invocation
 from rtask.services.definition import Definition, Method
-from rtask.services.description import request_schema
+from rtask.services.description import answer_schema, request_schema
 from rtask.services.task import Task
 from rtask.wire.effect import Effect, strongest
 
@@ -113,6 +113,7 @@ def _tool(definition: Definition, method: Method) -> dict[str, Any]:
         "title": method.summary,
         "description": f"{method.summary}. {method.description}".strip(),
         "inputSchema": {"type": "object", **_for_agents(schema)},
+        "outputSchema": {"type": "object", **answer_schema(method)},
         "annotations": {"readOnlyHint": method.effect == "reads"},
     }
 

@@ -77,9 +77,11 @@ def proposals() -> Model:
     if following is not None:
         return {"writer": following.url}
     found = visible(embedded_graph(), caller)
+    decided = [proposal for proposal in reversed(found) if not proposal.is_open]
     return {
         "open": [proposal for proposal in found if proposal.is_open],
-        "decided": [proposal for proposal in reversed(found) if not proposal.is_open][:_DECIDED],
+        "decided": decided[:_DECIDED],
+        "decided_before": max(0, len(decided) - _DECIDED),
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import urlencode
 
@@ -48,7 +49,9 @@ def merge() -> Model:
     into = resolve_object("into")
     if into == subject:
         raise RefusedError(422, "usage", f"both names mean {subject}: there is nothing to merge")
-    likeness = next((row for row in objects_alike(subject, "")[0] if row["object"] == into), None)
+    likeness = next(
+        (row for row in objects_alike(subject, "").matches if row["object"] == into), None
+    )
     return {"iri": subject, "object": side(subject), "into": side(into), "likeness": likeness}
 
 
@@ -75,8 +78,27 @@ def side(name: str) -> Model:
     return {**rows[0], "pictures": pictures, "all_views": all_views}
 
 
-def objects_alike(subject: str, description: str) -> tuple[list[Model], list[str]]:
-    """Return the objects of the described kind that look like one, and suggested words."""
+@dataclass(frozen=True)
+class Alike:
+    """What looks like an object.
+
+    Parameters
+    ----------
+    matches
+        Objects, the likest first.
+    suggestions
+        Words of kinds, where the described one is not known.
+    views_untried
+        Stored views that were not compared: without a match, it is not decided that there is none.
+    """
+
+    matches: list[Model] = field(default_factory=list)
+    suggestions: list[str] = field(default_factory=list)
+    views_untried: int = 0
+
+
+def objects_alike(subject: str, description: str) -> Alike:
+    """Return the objects of the described kind that look like one."""
     caller = context().auth.identify(current_request())
     search_request: dict[str, Any] = {"operation": "search", "object": subject}
     if description:
@@ -84,7 +106,7 @@ def objects_alike(subject: str, description: str) -> tuple[list[Model], list[str
     try:
         answer = context().engine.call("teach_object", search_request, caller.access)
     except UnknownTermError:  # nothing was seen of it that can be compared
-        return [], []
+        return Alike()
     alike = {row["object"]: row for row in answer["similar_objects"]}
     rows = list_objects(len(alike), chosen=by_iri(alike)) if alike else []
     matches = [
@@ -97,7 +119,8 @@ def objects_alike(subject: str, description: str) -> tuple[list[Model], list[str
         }
         for row in rows
     ]
-    return sorted(matches, key=lambda row: -row["confidence"]), answer["suggestions"]
+    matches.sort(key=lambda row: -row["confidence"])
+    return Alike(matches, answer["suggestions"], answer["views_untried"])
 
 
 @page(_ADDRESS, "curation.html")

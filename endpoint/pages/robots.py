@@ -101,6 +101,7 @@ def robot() -> Model:
         "cameras": [part for part in parts if not part["is_hand"]],
         "belief": belief_over([bool(row["success"]) for row in reversed(outcomes)]),
         "reasons": reasons.most_common(_SHOWN_REASONS),
+        "more_reasons": max(0, len(reasons) - _SHOWN_REASONS),
         "tasks": attempts[:_SHOWN_ATTEMPTS],
         "more_tasks": len(attempts) > _SHOWN_ATTEMPTS,
         "all": {"parts": more_parts, "outcomes": more_outcomes},

@@ -12,6 +12,7 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 
 import ontology
 from endpoint.activity.words import title
+from endpoint.http.messages import RefusedError
 from endpoint.pages.graph.resource import expand
 from endpoint.pages.render import (
     Model,
@@ -197,7 +198,11 @@ def _offered() -> Iterable[Entry]:
 @page("/search", "search.html")
 def search() -> Model:
     """Return what matches the words in the address, the best first, in groups."""
-    query = flask.request.args.get("q", "").strip()[:MAX_QUERY]
+    query = flask.request.args.get("q", "").strip()
+    if len(query) > MAX_QUERY:
+        raise RefusedError(
+            400, "usage", f"{len(query)} characters; words of at most {MAX_QUERY} are looked for"
+        )
     terms = words_of(query)
     ranked: dict[str, list[tuple[int, Entry]]] = {group: [] for group in GROUPS}
     if terms:

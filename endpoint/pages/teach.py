@@ -35,19 +35,21 @@ def teach() -> Model:
     }
     if name or description:
         return {**model, **_candidates(subject, name, description)}
-    return {**model, "candidates": objects_alike(subject, "")[0]}
+    alike = objects_alike(subject, "")
+    return {**model, "candidates": alike.matches, "untried": alike.views_untried}
 
 
 def _candidates(subject: str, name: str, description: str) -> Model:
     """Return the objects and kinds that match the words, those that look alike first."""
-    alike, suggestions = objects_alike(subject, description)
+    found = objects_alike(subject, description)
+    alike = found.matches
     seen = {candidate["object"] for candidate in alike}
     worded = [
         candidate
         for words in (name, description)
         if words
         for candidate in list_objects(
-            MAX_CANDIDATES, chosen=f"{by_words(words)} {without(subject)}"
+            MAX_CANDIDATES + 1, chosen=f"{by_words(words)} {without(subject)}"
         )
     ]
     for candidate in worded:
@@ -58,7 +60,10 @@ def _candidates(subject: str, name: str, description: str) -> Model:
     folded_words = folded(description)
     return {
         "candidates": alike[:MAX_CANDIDATES],
-        "suggestions": suggestions,
+        # Of those with these words one more than is shown is read, so that a cut is seen.
+        "has_more": len(alike) > MAX_CANDIDATES,
+        "untried": found.views_untried,
+        "suggestions": found.suggestions,
         "kinds": [kind.label for kind in kinds],
         "is_known_kind": any(folded_words in map(folded, kind.names) for kind in kinds),
     }

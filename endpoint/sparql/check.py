@@ -8,6 +8,7 @@ from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.served import ServedGraph
 from endpoint.sparql.request import QUERY_TYPE, UPDATE_TYPE
+from rtask.asking.check.checker import checker_of
 from rtask.errors import DataError, UsageError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.sparql.syntax import check_query, check_update
@@ -23,7 +24,8 @@ def plan_check(kb: ServedGraph, request: Request) -> Plan:
 
     The answer is 200 whether the text is right or not: ``ok``, and for one that does not parse
     ``detail``, ``line`` and ``column`` where they are known. For a query that parses, ``findings``
-    where there are any, as :meth:`rtask.asking.check.findings.Finding.to_dict` gives them.
+    where there are any, as :meth:`rtask.asking.check.findings.Finding.to_dict` gives them, or
+    ``not_checked`` with the reason where the query parses and its meaning was not checked.
 
     Raises
     ------
@@ -54,9 +56,14 @@ def _answer(kb: ServedGraph, text: str, *, is_query: bool) -> Response:
     try:
         if is_query:
             check_query(text)
-            findings = kb.check(text) if isinstance(kb, KnowledgeBase) else []
-            if findings:
-                checks["findings"] = [finding.to_dict(text) for finding in findings]
+            if isinstance(kb, KnowledgeBase):
+                findings = kb.check(text)
+                if findings:
+                    checks["findings"] = [finding.to_dict(text) for finding in findings]
+                if unread := checker_of(kb).unread(text):
+                    checks["not_checked"] = unread
+            else:
+                checks["not_checked"] = "not checked: the ontology of a remote store is not read"
         else:
             check_update(read_update(text))
     except DataError as error:

@@ -20,6 +20,11 @@ _SIMPLE_REGIME = NamedNode("http://www.w3.org/ns/entailment/Simple")
 _RESULTS = ("SPARQL_Results_JSON", "SPARQL_Results_XML", "SPARQL_Results_CSV", "SPARQL_Results_TSV")
 _RDF = ("Turtle", "N-Triples", "RDF_XML", "JSON-LD", "TriG", "N-Quads")
 MAX_NAMED_GRAPHS = 1_000
+_RDFS = "http://www.w3.org/2000/01/rdf-schema#"
+_CUT = (
+    f"Of the named graphs, the first {MAX_NAMED_GRAPHS} are listed here; all of them: "
+    "SELECT ?g WHERE { GRAPH ?g {} }"
+)
 
 
 def describe(
@@ -44,7 +49,8 @@ def describe(
     updates
         Whether updates are accepted here.
     graphs
-        Named graphs that the caller may read.
+        Named graphs that the caller may read; of more than :data:`MAX_NAMED_GRAPHS`, the first
+        are listed, and the description says so.
     base
         IRI that starts all instances and the graphs of agents; empty if there is none.
     """
@@ -92,7 +98,10 @@ def _dataset(plain: bool, graphs: Iterable[str]) -> Iterable[Triple]:
     yield Triple(_DATASET, _RDF_TYPE, _sd("GraphCollection"))
     yield Triple(_DATASET, _sd("defaultGraph"), _DEFAULT)
     yield Triple(_DEFAULT, _RDF_TYPE, _sd("Graph"))
-    for number, name in enumerate(graphs):
+    names = list(graphs)
+    if len(names) > MAX_NAMED_GRAPHS:
+        yield Triple(_DATASET, NamedNode(_RDFS + "comment"), Literal(_CUT, language="en"))
+    for number, name in enumerate(names[:MAX_NAMED_GRAPHS]):
         node = BlankNode(f"graph{number}")
         yield Triple(_DATASET, _sd("namedGraph"), node)
         yield Triple(node, _RDF_TYPE, _sd("NamedGraph"))

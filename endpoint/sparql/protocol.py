@@ -48,7 +48,7 @@ from rtask.sparql.tokens import shape
 
 _CACHED_TEXT = 16_384
 _PRINTABLE = "".join(map(chr, range(0x20, 0x7F)))
-_LIST_GRAPHS = f"SELECT ?g WHERE {{ GRAPH ?g {{}} }} ORDER BY ?g LIMIT {MAX_NAMED_GRAPHS}"
+_LIST_GRAPHS = f"SELECT ?g WHERE {{ GRAPH ?g {{}} }} ORDER BY ?g LIMIT {MAX_NAMED_GRAPHS + 1}"
 
 
 @lru_cache(maxsize=512)

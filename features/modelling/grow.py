@@ -197,15 +197,21 @@ class ObjectModel:
         return surface_of(self.cloud, self.colours, max(cell_m, float(size) / _MAX_CELLS))
 
     def to_bytes(self) -> bytes:
-        """Return an ``.npz`` of all but the described views, which are kept by whoever has them."""
+        """Return an ``.npz`` of all but the described views, which are kept by whoever has them.
+
+        The cloud is left out where the scans make it again: it would be half of the file.
+        """
         buffer = io.BytesIO()
         arrays: dict[str, Any] = {
-            "cloud": self.cloud.astype("<f4"),
-            "colours": self.colours,
-            "weights": self.weights.astype("<f4"),
             "names": np.array([name for name, _ in self.sources], np.str_),
             "poses": np.array([pose for _, pose in self.sources], "<f8").reshape(-1, 4, 4),
         }
+        if not self.scans:
+            arrays |= {
+                "cloud": self.cloud.astype("<f4"),
+                "colours": self.colours,
+                "weights": self.weights.astype("<f4"),
+            }
         np.savez_compressed(buffer, **arrays, **scans_to_arrays(self.scans))
         return buffer.getvalue()
 
@@ -214,14 +220,18 @@ class ObjectModel:
         """Read what :meth:`to_bytes` wrote."""
         try:
             with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-                cloud = arrays["cloud"].astype(np.float32).reshape(-1, 6)
                 poses = arrays["poses"].astype(np.float64).reshape(-1, 4, 4)
+                sources = tuple(zip(arrays["names"].tolist(), poses, strict=True))
+                scans = scans_from_arrays(arrays)
+                if "cloud" not in arrays:
+                    return cls(*fused_scans(scans, poses), sources=sources, scans=scans)
+                cloud = arrays["cloud"].astype(np.float32).reshape(-1, 6)
                 return cls(
                     cloud,
                     arrays["colours"].astype(np.uint8).reshape(len(cloud), 3),
                     arrays["weights"].astype(np.float32).reshape(len(cloud)),
-                    sources=tuple(zip(arrays["names"].tolist(), poses, strict=True)),
-                    scans=scans_from_arrays(arrays),
+                    sources=sources,
+                    scans=scans,
                 )
         except (zipfile.BadZipFile, KeyError, OSError, EOFError, ValueError) as error:
             raise ValueError(f"these bytes are no object model: {error}") from error

@@ -176,7 +176,7 @@ class Recogniser:
         constants = self.params.confidence
         least = constants.threshold if min_confidence is None else min_confidence
         snapshot = self.index.snapshot()
-        candidates, untried = self._gathered(features, snapshot)
+        candidates, untried = self.gather_counted(features, snapshot)
         evidence = [c.evidence for c in candidates]
         confidence = confidences(evidence, constants)
         order = np.argsort(-confidence, kind="stable")
@@ -266,9 +266,11 @@ class Recogniser:
 
     def gather(self, features: ViewFeatures, snapshot: Snapshot) -> list[Candidate]:
         """Return the three objects of most inliers and the three of most similar look."""
-        return self._gathered(features, snapshot)[0]
+        return self.gather_counted(features, snapshot)[0]
 
-    def _gathered(self, features: ViewFeatures, snapshot: Snapshot) -> tuple[list[Candidate], int]:
+    def gather_counted(
+        self, features: ViewFeatures, snapshot: Snapshot
+    ) -> tuple[list[Candidate], int]:
         """Return the candidates, and how many views with votes enough were not compared."""
         if not snapshot.alive.any():
             return [], 0

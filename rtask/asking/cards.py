@@ -16,7 +16,7 @@ import ontology
 from rtask.asking.questions.mentions import Select
 from rtask.asking.terms import Reader
 from rtask.errors import UnknownTermError, UsageError, nearest
-from rtask.rdf.terms import NamedNode, iri
+from rtask.rdf.terms import NamedNode, iri, prologue
 
 __all__ = ["Card", "TermLine", "Use", "card_of", "find_term", "list_terms", "shortened"]
 
@@ -183,7 +183,7 @@ def card_of(select: Select, term: NamedNode) -> Card:
         uses=uses,
         replaced_by=_shortened(replaced),
         is_deprecated="True" in stated.get(_NS["owl"] + "deprecated", ()),
-        example=_example(name, kind, uses, domain),
+        example=_example(name, kind, uses, _met(select, term, uses, domain)),
         questions=_questions_with(name),
     )
 
@@ -365,6 +365,22 @@ def _uses(select: Select, term: NamedNode, kind: str) -> tuple[Use, ...]:
         if not (iri := _text(row["x"])).startswith(_BOOKKEEPING) and iri not in _TOP
     ]
     return tuple(uses[:_USES])
+
+
+def _met(
+    select: Select, term: NamedNode, uses: tuple[Use, ...], domain: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Return the classes of the subjects of a property, if a subject in the graph has them.
+
+    Graphs of records are not reasoned about: what follows from a domain is not stated there.
+    """
+    if not uses or len(domain) != 1:
+        return domain
+    rows = _rows(
+        select,
+        f"{prologue(ontology.PREFIXES)}SELECT ?s {{ ?s a {domain[0]} ; {term} ?o }} LIMIT 1",
+    )
+    return domain if rows else ()
 
 
 def _example(name: str, kind: str, uses: tuple[Use, ...], domain: tuple[str, ...]) -> str:

@@ -905,6 +905,7 @@ class StoredPlan(TypedDict):
     behaviour_tree: NotRequired[str]
     task: str
     commit: str
+    late_s: NotRequired[float]
 
 
 class ListedStep(TypedDict):

@@ -11,10 +11,19 @@ from rtask.wire.fields import wire_name
 from rtask.wire.openapi import components
 from rtask.wire.ros import ros_types
 
-__all__ = ["described", "listed", "request_schema", "ros_service", "ros_type", "schemas"]
+__all__ = [
+    "answer_schema",
+    "described",
+    "listed",
+    "request_schema",
+    "ros_service",
+    "ros_type",
+    "schemas",
+]
 
 JsonObject = dict[str, Any]
 _REF = "#/components/schemas/"
+_WORDS = {"title", "description", "default", "examples"}
 
 
 def listed(
@@ -87,6 +96,39 @@ def _method(definition: Definition, method: Method) -> JsonObject:
 def request_schema(method: Method) -> JsonObject:
     """Return the JSON Schema of a request, complete in itself."""
     return _whole(schemas(method), method.request.__name__)
+
+
+def answer_schema(method: Method) -> JsonObject:
+    """Return the JSON Schema of an answer for agents: its fields, and the names of theirs.
+
+    Agents pay for each byte of the list of tools; what a field means, and what is in the parts of
+    its parts, is in the description of the service.
+    """
+    whole = _whole(schemas(method), method.answer.__name__)
+    parts = {
+        name: {"type": "object", "required": part["required"]} if part.get("required") else
+        {"type": "object"} if "properties" in part else part
+        for name, part in whole.pop("$defs", {}).items()
+    }  # fmt: skip
+    text = json.dumps({"schema": whole, "parts": parts})
+    needed = {name: part for name, part in parts.items() if f'"#/$defs/{name}"' in text}
+    brief: JsonObject = _without_words({**whole, **({"$defs": needed} if needed else {})})
+    return brief
+
+
+def _without_words(schema: Any, *, names_fields: bool = False) -> Any:
+    """Return a schema without titles, descriptions, defaults and what only forms and ROS read."""
+    if isinstance(schema, list):
+        return [_without_words(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    return {
+        name: _without_words(
+            part, names_fields=name in ("properties", "$defs") and not names_fields
+        )
+        for name, part in schema.items()
+        if names_fields or not (name in _WORDS or name.startswith("x-"))
+    }
 
 
 def schemas(method: Method) -> JsonObject:

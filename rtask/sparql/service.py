@@ -4,6 +4,9 @@
 
     SERVICE <urn:rtask:text> { ?s rt:matches "red cup" ; rt:score ?score ; rt:limit 10 }
 
+Without ``rt:limit`` the clause has all hits, so that counts and joins over it are right; words with
+too many hits for that are refused.
+
 Other services are switched off, because the store would call them without a time limit:
 ``SERVICE SILENT`` becomes one empty solution, as the standard requires for a failed call
 (SPARQL 1.1 Federated Query, 2.4), and ``SERVICE`` without ``SILENT`` is refused before evaluation.
@@ -18,7 +21,7 @@ from typing import Protocol
 from pyoxigraph import Literal, NamedNode
 
 import ontology
-from rtask.errors import ForbiddenError, QuerySyntaxError
+from rtask.errors import ForbiddenError, QuerySyntaxError, TooLargeError
 from rtask.rdf.terms import Term, written
 from rtask.sparql.lexer import find_block_end, tokenise
 from rtask.sparql.service_blocks import block_refusal, replace_blocks, string_value
@@ -28,7 +31,8 @@ from rtask.sparql.tokens import Token, line_and_column
 __all__ = ["TEXT_SERVICE", "with_text_matches", "without_services"]
 
 TEXT_SERVICE = "urn:rtask:text"
-MAX_HITS = 1_000
+MAX_HITS = 10_000
+"""Hits that a clause of values holds; more are refused, never left out."""
 
 
 class Hit(Protocol):
@@ -107,6 +111,8 @@ def with_text_matches(text: str, search: Search) -> str:
     ------
     QuerySyntaxError
         If a text service block contains anything else.
+    TooLargeError
+        The words have more hits than a query can hold, and it does not say how many it wants.
     """
     return replace_blocks(
         text,
@@ -144,23 +150,46 @@ def _refusal(text: str, tokens: list[Token], message: str) -> QuerySyntaxError:
 
 def _values(text: str, prologue: str, block: _Block, search: Search) -> str:
     given = block.given
-    options = {"limit": min(MAX_HITS, int(given["limit"].text)) if "limit" in given else MAX_HITS}
-    language = string_value(given["lang"]) if "lang" in given else None
-    hits = search(string_value(given["matches"]), lang=language, **options)
     variables: list[str] = []
+    among: set[str] | None = None
     if block.subject.kind == "variable":
         variables.append("subject")
     elif block.subject.kind in ("iri", "name"):
-        subject = resolve(block.subject.text, prologue, None)
-        hits = [hit for hit in hits if hit.subject == subject]
+        # Looked for by itself: it may come behind as many better hits as anybody asks for.
+        among = {resolve(block.subject.text, prologue, None).value}
     else:
         raise _refusal(text, [block.subject], "the subject is a variable or an IRI")
+    hits = _hits(text, given, search, among)
     variables += [name for name in ("score", "text") if name in given]
     if not variables:
         return "{}" if hits else "FILTER(false)"
     names = [block.subject.text if v == "subject" else given[v].text for v in variables]
     rows = " ".join("(" + " ".join(written(_term(hit, v)) for v in variables) + ")" for hit in hits)
     return f"VALUES ({' '.join(names)}) {{ {rows} }}"
+
+
+def _hits(
+    text: str, given: dict[str, Token], search: Search, among: set[str] | None
+) -> Sequence[Hit]:
+    """Return the hits that a block asks for: as many as it says, or all."""
+    words = string_value(given["matches"])
+    language = string_value(given["lang"]) if "lang" in given else None
+    asked = int(given["limit"].text) if "limit" in given else None
+    if asked is not None and asked > MAX_HITS:
+        raise _refusal(text, [given["limit"]], f"rt:limit is at most {MAX_HITS}")
+    most = MAX_HITS + 1 if asked is None else asked
+    hits = search(words, lang=language, limit=most, among=among)
+    if len(hits) > MAX_HITS:
+        line, column = line_and_column(text, given["matches"].start)
+        raise TooLargeError(
+            f"{line}:{column}: {words!r} has more than {MAX_HITS} hits; add words, or say with "
+            "rt:limit how many of the best are wanted",
+            line=line,
+            column=column,
+            limit="hits",
+            allowed=MAX_HITS,
+        )
+    return hits
 
 
 def _term(hit: Hit, what: str) -> Term:

@@ -210,6 +210,9 @@ def _result(
     refusals: list[Refusal] = []
     for obstacle in obstacles[:_MAX_REFUSALS]:
         refusals.append(refusal(select, problem, obstacle, task.mendable, robots, wording))
+    if len(obstacles) > _MAX_REFUSALS:
+        goal = f"{len(obstacles) - _MAX_REFUSALS} more goals"
+        refusals.append(Refusal(goal, "out of reach, too; ask for each alone to see why", (), {}))
     return TaskPlan(
         goal=given if isinstance(given, str) else json.dumps(dict(given)),
         understood=tuple(aim.text for aim in task.aims),

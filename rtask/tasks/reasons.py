@@ -37,6 +37,8 @@ def refusal(
     """Return why a goal is out of reach: the cheapest remedy, and what each robot alone lacks."""
     goal = " or ".join(wording.atom(atom) for atom in obstacle.goal[:3])
     alone: dict[str, str] = {}
+    for robot, _ in robots[_MAX_ROBOTS:]:
+        alone[robot] = f"not looked at: only the first {_MAX_ROBOTS} robots are"
     for robot, kind in robots[:_MAX_ROBOTS]:
         objects = {**problem.objects, kind: (robot,)}
         restricted = replace(problem, objects=objects, goals=(obstacle.goal,))

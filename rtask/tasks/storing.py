@@ -46,6 +46,21 @@ class Order:
     replaces: str = ""
     prices: Prices | None = None
 
+    def late_s(self, duration_s: float, now: dt.datetime) -> float:
+        """Return by how much what begins now is expected to end after the deadline, s.
+
+        0 if it is in time, or without a deadline.
+
+        Examples
+        --------
+        >>> now = dt.datetime(2026, 1, 1, 12, tzinfo=dt.UTC)
+        >>> Order(deadline=now + dt.timedelta(seconds=10)).late_s(32.0, now)
+        22.0
+        """
+        if self.deadline is None:
+            return 0.0
+        return max(duration_s - (self.deadline - now).total_seconds(), 0.0)
+
 
 def store_plan(
     kb: GraphCore,

@@ -156,11 +156,23 @@ class Agent:
                 break
         for track in self._tracker.missing:
             if track.number in self.encounters:
-                self.encounters[track.number].lost = True
-                x, y = (round(float(v), 3) for v in track.seen.position[:2])
-                about = _about(track, self.encounters[track.number])
-                self._tell("missing", about | {"last_seen": [x, y]})
+                self._give_up_search(track, self.encounters[track.number])
         return list(self.encounters.values())
+
+    def _give_up_search(self, track: TrackedObject, encounter: Encounter) -> None:
+        """Conclude where a thing is that was found on neither side of the table.
+
+        It is in the box if something new lies there that could not be told to be it or not; else
+        it is lost.
+        """
+        x, y = (round(float(v), 3) for v in track.seen.position[:2])
+        about = _about(track, encounter)
+        if track.may_lie_in_box:
+            encounter.conclude_placed()
+            self._tell("found", about | {"where": "in the box, as it is nowhere on the table"})
+            return
+        encounter.lost = True
+        self._tell("missing", about | {"last_seen": [x, y]})
 
     def _clear_side(self, side: str, is_patient: bool = False) -> bool:
         """Handle the objects on one side; tell whether a patient robot has put some off."""
@@ -293,6 +305,7 @@ class Agent:
         encounter.attempts.append(attempt)
         track.gone = record.placed
         track.released = record.held and record.judged_placed.answer == "unknown"
+        track.may_lie_in_box = track.released and record.judged_placed.is_new_there
         track.finished = record.placed or encounter.tries >= self.config.max_attempts
         if record.placed:
             self._pushes.note_move()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from features.tabletop import TabletopShape
@@ -120,6 +120,12 @@ class Encounter:
     def placed(self) -> bool:
         """Whether the object reached the box."""
         return any(attempt.placed for attempt in self.attempts)
+
+    def conclude_placed(self) -> None:
+        """Conclude of the last attempt that the object lies in the box, as it is nowhere else."""
+        last = self.attempts[-1]
+        evidence = f"{last.evidence}; placed: yes (it is nowhere on the table)"
+        self.attempts[-1] = replace(last, placed=True, evidence=evidence)
 
     def summary(self) -> dict[str, Any]:
         """Return the encounter as JSON data."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,6 +13,8 @@ import numpy as np
 from features.geometry import FloatArray, Frame
 from features.perception import Ignored
 from rtask.engine.perception.clutter import ClutterView
+from rtask.interop.episodes.films import encode_film
+from simulate.agent.films import FILM_HZ, Frames, filming
 from simulate.grasping.executor import Executor, GraspRecord, GraspRequest, PlannedGrasp
 from simulate.grasping.pushing import carry_out_push, plan_push
 from simulate.robots import describe
@@ -54,6 +57,8 @@ class Conditions:
         Folder for a picture of each phase of each grasp; None = no pictures are taken.
     small_pictures
         Whether these are JPEG, which takes a fifth of the room, and not PNG.
+    films
+        Whether two cameras film each grasp, besides pictures.
     """
 
     robot: str = "nao"
@@ -64,6 +69,7 @@ class Conditions:
     noise_seed: tuple[int, ...] = (0,)
     pictures: Path | None = None
     small_pictures: bool = False
+    films: bool = False
 
 
 class RobotAtTable:
@@ -77,10 +83,16 @@ class RobotAtTable:
         Folder for a picture of each phase of each grasp; None = no pictures are taken.
     small_pictures
         Whether these are JPEG.
+    films
+        Whether two cameras film each grasp, besides pictures.
     """
 
     def __init__(
-        self, executor: Executor, pictures: Path | None = None, small_pictures: bool = False
+        self,
+        executor: Executor,
+        pictures: Path | None = None,
+        small_pictures: bool = False,
+        films: bool = False,
     ) -> None:
         self.executor, self.eyes = executor, executor.eyes
         self.world, self.robot = executor.world, executor.robot
@@ -95,7 +107,7 @@ class RobotAtTable:
         self.ignored = (behind, *(Ignored(box.x_range, box.y_range) for box in boxes))
         self.watch: Callable[[PlannedGrasp], Callable[[str], None]] = lambda plan: _unwatched
         """Hook for scoring: called with each plan, it returns a function called at each phase."""
-        self._pictures = pictures
+        self._pictures, self._films = pictures, films
         self._suffix = ".jpg" if small_pictures else ".png"
         self._taken = 0
 
@@ -119,7 +131,8 @@ class RobotAtTable:
             if self._pictures is not None and phase in _PICTURES:
                 taken.append((_PICTURES[phase], self._picture(plan)))
 
-        record = self.executor.execute(plan, on_phase)
+        with self._filming(plan) as films:
+            record = self.executor.execute(plan, on_phase)
         if self._pictures is None:
             record = replace(record, motion=None)
         self._taken += 1
@@ -128,7 +141,13 @@ class RobotAtTable:
             for number, (phase, picture) in enumerate(taken, start=1):
                 name = f"{self._taken:02d}-{number}-{phase}{self._suffix}"
                 (self._pictures / name).write_bytes(picture)
-        return record, taken
+        return record, taken + [(name, encode_film(f, FILM_HZ)) for name, f in films.items()]
+
+    def _filming(self, plan: PlannedGrasp) -> AbstractContextManager[dict[str, Frames]]:
+        if not self._films or self._pictures is None:
+            return nullcontext({})
+        side = "left" if plan.request.y > 0 else "right"
+        return filming(self.world, self.eyes.camera, self.eyes.lighting, side)
 
     def push(
         self, points: FloatArray, others: Sequence[FloatArray], height: float, side: str, seed: int
@@ -177,7 +196,10 @@ class SimulatedBody(RobotAtTable):
         self.lighting = conditions.lighting or Lighting()
         eyes = Eyes(robot, self.lighting, conditions.noise, conditions.noise_seed)
         super().__init__(
-            Executor(world, robot, eyes), conditions.pictures, conditions.small_pictures
+            Executor(world, robot, eyes),
+            conditions.pictures,
+            conditions.small_pictures,
+            conditions.films,
         )
 
     def close(self) -> None:

@@ -46,6 +46,9 @@ class TrackedObject:
     released
         Whether it was last let go over a box, out of the robot's sight: most likely it lies there,
         so that only what has its size, or is recognised, is taken for it.
+    may_lie_in_box
+        Whether something new lies in that box, of which the robot could not tell what it is: if the
+        object is nowhere on the table in the end, that is it.
     """
 
     number: int
@@ -56,6 +59,7 @@ class TrackedObject:
     waiting: bool = False
     gone: bool = False
     released: bool = False
+    may_lie_in_box: bool = False
 
 
 class Tracker:

@@ -16,7 +16,7 @@ from rtask.engine.words import reason_words
 from simulate.demo.queries import Answer, with_prefixes
 from simulate.demo.report_attempts import GRASP_WORDS
 
-__all__ = ["Console", "FleetConsole"]
+__all__ = ["Console", "FleetConsole", "event_sentence"]
 
 _WIDE = 150
 _MAX_UNWRAPPED = 16
@@ -43,7 +43,7 @@ class Console:
 
     def event(self, robot: str, event: dict[str, Any]) -> None:
         """Print what a robot did."""
-        line = _sentence(event)
+        line = event_sentence(event)
         if line:
             self._progress.print(f"  {robot}: {line}", markup=False, soft_wrap=True)
 
@@ -85,7 +85,7 @@ class Console:
         self._results.print(text, markup=False, soft_wrap=True)
 
 
-def _sentence(event: dict[str, Any]) -> str:
+def event_sentence(event: dict[str, Any]) -> str:
     """Return an event in words; empty if it is not reported."""
     name = event["event"]
     if name == "recognised":
@@ -96,6 +96,8 @@ def _sentence(event: dict[str, Any]) -> str:
     if name == "missing":
         x, y = event["last_seen"]
         return f"{event['title']} is gone; it was last seen at {x:.2f}, {y:.2f} m"
+    if name == "found":
+        return f"{event['title']} is {event['where']}"
     if name == "waiting":
         return "no answer yet; asking again"
     return ""

@@ -47,17 +47,17 @@ last."""
 _STORE, _REPORT, _LOGS, _OUTBOX = "store", "report", "logs", "outbox"
 
 
-def objects_on_table(products: str, wanted: int | None = None) -> int:
+def objects_on_table(products: str, asked_for: int | None = None) -> int:
     """Return how many objects lie on each table of a demo.
 
     No more than four light or fragile ones have room where a Nao reaches both of their ends.
     """
-    return wanted or (4 if products in ("light", "fragile") else 6)
+    return asked_for or (4 if products in ("light", "fragile") else 6)
 
 
-def robots_in_all(products: str, kinds: Sequence[str], wanted: int | None = None) -> int:
+def robots_in_all(products: str, kinds: Sequence[str], asked_for: int | None = None) -> int:
     """Return how many robots a demo has: at least two, and each of the kinds once."""
-    return wanted or max(2, len(kinds or _SUITABLE[products]))
+    return asked_for or max(2, len(kinds or _SUITABLE[products]))
 
 
 def _command() -> str:
@@ -90,6 +90,8 @@ class Settings:
         Whether to print tables of what each robot did, and SPARQL queries with their answers.
     small_pictures
         Whether pictures are JPEG.
+    films
+        Whether each attempt that the graph gets is filmed by two cameras.
     """
 
     data: Path
@@ -108,6 +110,7 @@ class Settings:
     details: bool = False
     queries: bool = False
     small_pictures: bool = False
+    films: bool = False
 
     def __post_init__(self) -> None:
         if not 1 <= self.objects <= 12:
@@ -272,6 +275,7 @@ class Demo:
             gui=self.settings.gui and bool(url),
             preset=self.settings.preset,
             small_pictures=self.settings.small_pictures,
+            films=self.settings.films and bool(url),
             robot=self.settings.kind_of(index),
             products=self.settings.products,
             min_grasp=self.settings.min_grasp,

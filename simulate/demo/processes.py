@@ -79,8 +79,9 @@ class RobotJob:
     seed, objects, products
         Fix the products, which are the same for every robot of a demo; ``products`` names a set of
         :data:`simulate.world.objects.PRODUCTS`.
-    pictures, small_pictures
-        Folder for the pictures of each grasp, and whether these are JPEG.
+    pictures, small_pictures, films
+        Folder for the pictures of each grasp, whether these are JPEG, and whether each grasp is
+        filmed, too.
     outbox
         File that keeps outcomes not yet delivered.
     robot
@@ -108,6 +109,7 @@ class RobotJob:
     min_grasp: float = Thresholds.grasp
     cautious: bool = Thresholds.cautious
     small_pictures: bool = False
+    films: bool = False
     only: str = ""
     mirrored: bool = False
     turned: bool = False

@@ -49,7 +49,7 @@ def _succeeded(attempt: Mapping[str, Any] | None) -> bool:
     return bool(attempt and attempt["held"] and attempt["place_reason"] != "slip_transport")
 
 
-def _told(attempt: Mapping[str, Any]) -> str:
+def _outcome_words(attempt: Mapping[str, Any]) -> str:
     grasp = GRASP_WORDS.get(attempt["source"], f"grasp from {attempt['source']}")
     if _succeeded(attempt):
         return f"held; {grasp}"
@@ -59,10 +59,12 @@ def _told(attempt: Mapping[str, Any]) -> str:
 
 def proof_rows(runs: Runs, titles: Sequence[str]) -> list[tuple[str, ...]]:
     """Return a row for each attempt, the runs side by side."""
-    told = [[_told(attempt) for attempt in attempts_of(runs[title])] for title in titles]
+    columns = [
+        [_outcome_words(attempt) for attempt in attempts_of(runs[title])] for title in titles
+    ]
     return [
-        (str(k + 1), *(words[k] if k < len(words) else "" for words in told))
-        for k in range(max(map(len, told), default=0))
+        (str(k + 1), *(words[k] if k < len(words) else "" for words in columns))
+        for k in range(max(map(len, columns), default=0))
     ]
 
 

@@ -75,6 +75,7 @@ def make_body(job: RobotJob, assets: Path) -> SimulatedBody:
         noise_seed=(job.seed, _NOISE, job.index),
         pictures=Path(job.pictures) if job.pictures else None,
         small_pictures=job.small_pictures,
+        films=job.films,
     )
     return SimulatedBody(lay_table(job), assets, conditions)
 

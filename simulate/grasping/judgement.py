@@ -66,10 +66,13 @@ class Judgement:
         ``yes``, ``no`` or ``unknown``.
     evidence
         The measurements in words, such as ``opening .68 -> .66``.
+    is_new_there
+        Of a place: whether something lies there that did not before and may be the object.
     """
 
     answer: Answer = "unknown"
     evidence: str = ""
+    is_new_there: bool = False
 
     @property
     def is_yes(self) -> bool:
@@ -259,17 +262,20 @@ def judge_placed(
     evidence = f"place +{came} -{went} cells, {'held' if is_gripped else 'lost'} in transport"
     heaped = float(np.nansum((after.heights - before.heights)[1:-1, 1:-1])) * _CELL_M**2
     arrived = heaped > _HEAPED_SHARE * volume or (is_gripped and came - went >= _MIN_NEW_CELLS)
+    # A few cells may also be a thing that the hand lost and that leans on the wall from outside.
+    least = 0.0 if is_gripped else _PUSHED_SHARE * volume
+    is_new = arrived or (came - went >= _MIN_NEW_CELLS and heaped >= least)
     pushed = went >= _MIN_NEW_CELLS and np.isfinite(volume)
     if arrived and pushed and not (is_gripped and heaped >= _PUSHED_SHARE * volume):
-        return Judgement("unknown", f"{evidence}, what lay there was pushed about")
+        return Judgement("unknown", f"{evidence}, what lay there was pushed about", is_new)
     if arrived:
-        return Judgement("yes", evidence)
+        return Judgement("yes", evidence, is_new)
     if not is_gripped and on_table > _ON_TABLE_SHARE:
         return Judgement("no", f"{evidence}, it is on the table")
     if seen[1:-1, 1:-1].mean() < _ALL_SEEN_SHARE:
-        return Judgement("unknown", f"{evidence}, a part of the place is hidden")
+        return Judgement("unknown", f"{evidence}, a part of the place is hidden", is_new)
     if not is_gripped and came - went >= _MIN_NEW_CELLS:
-        return Judgement("unknown", f"{evidence}, a part of it may lie there")
+        return Judgement("unknown", f"{evidence}, a part of it may lie there", is_new)
     return Judgement("no", evidence)
 
 

@@ -13,14 +13,26 @@ import numpy as np
 
 from rtask.errors import RobotError
 from simulate.robots.description import Joint, Link, Shape
+from simulate.robots.mass import estimated_inertial
 from simulate.robots.mesh_cover import mesh_box
 
-__all__ = ["Oversized", "doubtful_limits", "lost_sources", "oversized", "with_scale"]
+__all__ = [
+    "Oversized",
+    "doubtful_limits",
+    "doubtful_masses",
+    "doubtful_turns",
+    "lost_sources",
+    "oversized",
+    "with_scale",
+]
 
 _TURNS_RAD = 4 * math.pi
 """Beyond two turns to either side, a limit is rather one in degrees."""
 _ENDLESS_RAD = 1000.0
 """Beyond that, writers mean that there is no limit."""
+_TURNED_RAD = 2 * math.pi + 0.01
+_TIMES_WATER, _HEAVY_KG = 100.0, 1.0
+"""The densest metal is 23 times as heavy as water; simplified shapes are smaller than the links."""
 _TIMES_REACH = 20.0
 _LARGE_M = 1.0
 _LONGEST_M = 30.0
@@ -68,6 +80,30 @@ def doubtful_limits(joints: Iterable[Joint]) -> Iterator[str]:
             yield (
                 f"joint {joint.name!r} turns from {joint.lower:g} to {joint.upper:g} rad: "
                 f"degrees?; taken as it stands (in rad, these would be {lower:.3g} and {upper:.3g})"
+            )
+
+
+def doubtful_turns(joints: Iterable[Joint]) -> Iterator[str]:
+    """Yield a sentence for each joint whose origin is turned as if by degrees."""
+    for joint in joints:
+        if max(map(abs, joint.pose.rpy)) > _TURNED_RAD:
+            shown = " ".join(f"{angle:g}" for angle in joint.pose.rpy)
+            yield f"joint {joint.name!r} has the rpy {shown} rad: degrees?; taken as it stands"
+
+
+def doubtful_masses(links: Iterable[Link]) -> Iterator[str]:
+    """Yield a sentence for each link that weighs far more than any metal of its shape."""
+    for link in links:
+        if link.inertial.mass < _HEAVY_KG or not link.shapes:
+            continue
+        try:
+            water = estimated_inertial(link.shapes).mass
+        except RobotError:  # a mesh that cannot be read is named elsewhere
+            continue
+        if link.inertial.mass > _TIMES_WATER * water:
+            yield (
+                f"link {link.name!r} weighs {link.inertial.mass:g} kg, {water:.2g} kg if its shape "
+                "were of water: grams?; taken as it stands"
             )
 
 

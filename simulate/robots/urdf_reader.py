@@ -7,6 +7,7 @@ physically impossible inertia tensor, a joint without limits, a mesh that is not
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 import xml.etree.ElementTree as ET
@@ -22,7 +23,12 @@ from simulate.robots.description import Inertial, Joint, Link, Pose, Shape, Vect
 from simulate.robots.mass import estimated_inertial
 from simulate.robots.mesh_cover import mesh_box
 from simulate.robots.mesh_files import find_mesh
-from simulate.robots.urdf_doctor import doubtful_limits, lost_sources
+from simulate.robots.urdf_doctor import (
+    doubtful_limits,
+    doubtful_masses,
+    doubtful_turns,
+    lost_sources,
+)
 
 __all__ = ["ReadRobot", "read_urdf"]
 
@@ -43,6 +49,8 @@ _NOT_XML = (ET.ParseError, LookupError, ValueError)
 """The last two of an encoding that does not exist, or that the parser cannot read."""
 _SPEED = 1.0
 """rad/s or m/s, of a joint that states none."""
+_GYRATION_M = 5.0
+"""Radius of gyration that no link of a robot has."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +123,7 @@ class _Reader:
 
     def read(self, tree: ET.Element) -> ReadRobot:
         joints = [self._joint(e) for e in tree.findall("joint") if e.find("parent") is not None]
+        self._refuse_twins(joints)
         moved = {joint.child for joint in joints if joint.kind != "fixed"}
         elements = {}
         for element in tree.findall("link"):
@@ -137,10 +146,19 @@ class _Reader:
             named = ", ".join(roots) or "none"
             raise RobotError(f"{self._path}: expected one root link, found {named}")
         joints = self._with_sources(joints)
-        self._warnings += doubtful_limits(joints)
+        self._warnings += [
+            *doubtful_limits(joints), *doubtful_turns(joints), *doubtful_masses(links.values())
+        ]  # fmt: skip
         ordered = tuple(_from_the_root(self._path, roots[0], joints))
         name = tree.get("name", self._path.stem)
         return ReadRobot(name, roots[0], tuple(links.values()), ordered, tuple(self._warnings))
+
+    def _refuse_twins(self, joints: Sequence[Joint]) -> None:
+        seen: set[str] = set()
+        for joint in joints:
+            if joint.name in seen:  # the physics engine ends the process over them
+                raise RobotError(f"{self._path}: two joints are called {joint.name!r}")
+            seen.add(joint.name)
 
     def _with_sources(self, joints: Sequence[Joint]) -> list[Joint]:
         """Return the joints; those that can follow none move by themselves."""
@@ -217,6 +235,12 @@ class _Reader:
                 return Inertial(mass, pose.xyz, _ZERO)
             shown = ", ".join(f"{m:.3g}" for m in moments)
             problem = f"has impossible inertia: no body has the principal moments {shown} kg m2"
+            return self._estimated(where, problem, shapes, mass)
+        if moments[2] > mass * _GYRATION_M**2:
+            problem = (
+                f"has moments of inertia of {moments[2]:.3g} kg m2 at {mass:g} kg, as of a body "
+                "many metres wide: kg mm2?"
+            )
             return self._estimated(where, problem, shapes, mass)
         off = (float(rotated[0, 1]), float(rotated[0, 2]), float(rotated[1, 2]))
         x, y, z = (float(v) for v in np.diag(rotated))
@@ -320,7 +344,12 @@ class _Reader:
             if joint.kind == "prismatic":
                 return replace(joint, kind="fixed")
         lower, upper = -math.pi, math.pi
-        if limit is not None and has_range and not endless:
+        if limit is not None and has_range and not endless and _is_infinite(limit):
+            instead = "held still" if joint.kind == "prismatic" else "taken as +-pi"
+            self._gap(where, "has limits without end", instead)
+            if joint.kind == "prismatic":
+                return replace(joint, kind="fixed")
+        elif limit is not None and has_range and not endless:
             lower = self._number(where, limit, "lower", 0.0)
             upper = self._number(where, limit, "upper", 0.0)
         if lower > upper:
@@ -350,7 +379,9 @@ class _Reader:
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise RobotError(f"{self._path}: {where}: {key} {text!r} is not a number")
+            raise RobotError(
+                f"{self._path}: {where}: {key} {text!r} is not a number{_hint(str(text))}"
+            )
         return value
 
     def _vector(self, where: str, element: ET.Element, key: str, default: Vector = _ZERO) -> Vector:
@@ -358,6 +389,10 @@ class _Reader:
         if text is None:
             return default
         words = text.split()
+        if len(words) == 3 and any("," in word.strip(",") for word in words):
+            raise RobotError(
+                f"{self._path}: {where}: {key} {text!r} has decimal commas; URDF writes 0.5"
+            )
         if not self._strict and (len(words) > 3 or "," in text):
             words = text.replace(",", " ").split()
             self._gap(where, f"has {key} {text!r}", f"taken as {' '.join(words[:3])}")
@@ -365,7 +400,7 @@ class _Reader:
             x, y, z = (float(word) for word in words[: 3 if not self._strict else None])
         except ValueError:
             raise RobotError(
-                f"{self._path}: {where}: {key} {text!r} is not three numbers"
+                f"{self._path}: {where}: {key} {text!r} is not three numbers{_hint(text)}"
             ) from None
         if not all(math.isfinite(value) for value in (x, y, z)):
             raise RobotError(f"{self._path}: {where}: {key} {text!r} is not finite")
@@ -393,6 +428,20 @@ def _has_shape(
     below: Mapping[str, Sequence[Joint]], shapes: Mapping[str, tuple[Shape, ...]], joint: Joint
 ) -> bool:
     return any(shapes.get(link) for link in _links_below(below, joint.child))
+
+
+def _hint(text: str) -> str:
+    """Return what to do about a value that a program was to fill in."""
+    return "; expand it first: xacro FILE > robot.urdf" if "$" in text else ""
+
+
+def _is_infinite(limit: ET.Element) -> bool:
+    """Tell whether a limit is written as infinity, or as more than any float."""
+    for key in ("lower", "upper"):
+        with contextlib.suppress(ValueError):
+            if math.isinf(float(limit.get(key, "0"))):
+                return True
+    return False
 
 
 def _kinds() -> str:

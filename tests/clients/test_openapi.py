@@ -201,11 +201,13 @@ def test_schemathesis_finds_no_server_error_and_no_undescribed_answer(
     both = (GenerationMode.POSITIVE, GenerationMode.NEGATIVE)
     for turn, found in enumerate(schema.get_all_operations()):
         operation = found.ok()
+        if examples == 1 and turn % 3:
+            continue  # the deep case asks all
         if operation.path == "/changes":
             continue  # it never ends, and has tests elsewhere
         if operation.path.startswith("/services/example/"):
             continue  # planning takes long, and their requests are checked like all others
-        for mode in both if examples > 1 else (both[turn % 2],):
+        for mode in both if examples > 1 else (both[turn // 3 % 2],):
 
             @bounded
             @given(case=operation.as_strategy(generation_mode=mode))
@@ -217,5 +219,5 @@ def test_schemathesis_finds_no_server_error_and_no_undescribed_answer(
             # Where nothing can be sent, nothing can be sent wrongly.
             with contextlib.suppress(Unsatisfiable):
                 attack()
-    assert len(statuses) > (100 if examples > 1 else 40)
+    assert len(statuses) > (100 if examples > 1 else 13)
     assert {200, 400} <= set(statuses)  # both good and bad requests were made

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -118,9 +116,6 @@ def test_the_engine_registers_and_remembers(server: RunningServer, folder: Path)
 def test_the_folder_can_be_opened_in_the_place_of_the_address(
     server: RunningServer, folder: Path
 ) -> None:
-    command = [sys.executable, "-m", "rtask", "query", "-d", str(folder)]
-    done = subprocess.run(
-        [*command, "ASK { ?s a <https://w3id.org/rtask-kg/ns#WriteActivity> }"],
-        check=True, capture_output=True, text=True,
-    )  # fmt: skip
+    text = "ASK { ?s a <https://w3id.org/rtask-kg/ns#WriteActivity> }"
+    done = run_command("query", "-d", str(folder), text, check=True)
     assert done.stdout == "yes\n"

@@ -39,8 +39,11 @@ def ask() -> Model:
 def _shown(answered: Answer) -> dict[str, Any]:
     """Return an answer as data, with each cell of its table as it is read."""
     shown = answered.to_dict()
+    pages = list(dict.fromkeys(filter(None, answered.why)))
     return {
         **shown,
+        # Of several, each number of the table has its own.
+        "rests_on": "#rows" if len(pages) > 1 else "".join(pages),
         "cells": [
             [_cell(term, answered, why) for term in row]
             for row, why in zip(answered.rows, answered.why, strict=True)

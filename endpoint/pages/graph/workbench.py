@@ -84,7 +84,8 @@ def run(query: str) -> dict[str, Any]:
     if response.media_type == PROBLEM_TYPE:
         return {**answer, "problem": json.loads(response.body)}
     if response.media_type != RESULTS_JSON:
-        return {**answer, "text": response.body.decode()[:MAX_TEXT]}
+        text = response.body.decode()
+        return {**answer, "text": text[:MAX_TEXT], "left_out": max(0, len(text) - MAX_TEXT)}
     document = json.loads(response.body)
     if "boolean" in document:
         return {**answer, "boolean": document["boolean"]}

@@ -38,6 +38,7 @@ class _Shown:
         self.clouds: list[Model] = []
         self.poses: list[Model] = []
         self.curves: list[Model] = []
+        self.poses_left_out = 0
 
     def cell(self, name: str, value: Any) -> Model:
         """Return one value as text or a picture; clouds and poses are kept to be drawn too."""
@@ -49,6 +50,8 @@ class _Shown:
         if pose is not None:
             if len(self.poses) < MAX_DRAWN:
                 self.poses.append({"name": name, "pose": pose})
+            else:
+                self.poses_left_out += 1
             return {"text": _pose_words(pose)}
         return {"text": _words(value)}
 
@@ -107,6 +110,7 @@ def shown_answer(answer: Answer, request: Mapping[str, Any]) -> Model:
         "tables": shown.tables,
         "clouds": shown.clouds,
         "poses": shown.poses,
+        "poses_left_out": shown.poses_left_out,
         "curves": shown.curves,
         "outline": _outline(answer, request),
         "has_viewer": has_viewer(),

@@ -47,10 +47,24 @@ class Checker:
     def check(self, text: str) -> list[Finding]:
         """Return the faults of a query that the store's parser accepts, certain ones first."""
         try:
-            outline = read_outline(text, "" if self._kb.plain else self._kb.base)
+            outline = self._outline(text)
         except RtaskError:
-            return []  # a form that is not read: nothing is claimed about it
+            return []  # a form that is not read: nothing is claimed about it, see :meth:`unread`
         return in_order(list(self._findings(outline)))[:MAX_FINDINGS]
+
+    def unread(self, text: str) -> str:
+        """Return why a query cannot be checked, though the store can answer it; empty if it can.
+
+        That nothing was found in such a query says nothing about it.
+        """
+        try:
+            self._outline(text)
+        except RtaskError as error:
+            return f"not checked: this form of a query is not read ({error.slug})"
+        return ""
+
+    def _outline(self, text: str) -> Outline:
+        return read_outline(text, "" if self._kb.plain else self._kb.base)
 
     @property
     def vocabulary(self) -> Vocabulary:

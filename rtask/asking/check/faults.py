@@ -35,6 +35,7 @@ class Faults:
         self._fitting = fitting
         self._repairs = Repairs(self._fitting, outline)
         self._blamed: set[int] = set()
+        self._asks_for_kinds = outline.asks_for_kinds
 
     def replacements(self, edge: Edge) -> list[Repair]:
         """Return the properties that would fit in a pattern instead of its own."""
@@ -66,6 +67,8 @@ class Faults:
         )
 
     def _conflicts(self, context: Context) -> Iterator[Finding]:
+        if self._asks_for_kinds:
+            return
         left = [
             clash
             for clash in self._fitting.demands.conflicts(context)

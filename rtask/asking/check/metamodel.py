@@ -1,7 +1,11 @@
 """The vocabularies that ontologies are written in: their terms, and what these are said of.
 
 RDF, RDF Schema, OWL 2 and XML Schema are closed: their specifications list every name. They say of
-few of them what subject and value are in a form that a check could read, so it stands here.
+few of them what subject and value are in a form that a check could read, so it stands here; and
+so do the domains and ranges of PROV-O, SOSA and OWL-Time, as their recommendations state them. The
+ontology declares the terms that it uses of these, and repeats none of their axioms, because more
+would then follow from each statement. Sources: W3C, PROV-O, 2013, section 4; Semantic Sensor
+Network Ontology, 2017, section 4.3; Time Ontology in OWL, 2022, section 4.
 """
 
 from __future__ import annotations
@@ -9,7 +13,10 @@ from __future__ import annotations
 import ontology
 from rtask.rdf.terms import XSD
 
-__all__ = ["CLASS", "KINDS", "ONTOLOGY", "PROPERTIES", "PROPERTY", "is_reserved", "reserved_terms"]
+__all__ = [
+    "CLASS", "KINDS", "OF_STANDARDS", "ONTOLOGY", "PROPERTIES", "PROPERTY", "is_reserved",
+    "reserved_terms",
+]  # fmt: skip
 
 _RDF, _RDFS = ontology.PREFIXES["rdf"], ontology.PREFIXES["rdfs"]
 _OWL = ontology.PREFIXES["owl"]
@@ -46,6 +53,30 @@ PROPERTIES: dict[str, tuple[str, str]] = {
     _OWL + "priorVersion": (ONTOLOGY, ONTOLOGY),
 }  # fmt: skip
 """Properties that relate terms, with the kinds of subject and value; empty for any."""
+_PROV, _SOSA, _TIME = (ontology.PREFIXES[name] for name in ("prov", "sosa", "time"))
+_ACTIVITY, _AGENT = _PROV + "Activity", _PROV + "Agent"
+_OBSERVATION, _SENSOR = _SOSA + "Observation", _SOSA + "Sensor"
+_INSTANT, _INTERVAL = _TIME + "Instant", _TIME + "ProperInterval"
+
+OF_STANDARDS: dict[str, tuple[str, str]] = {
+    _PROV + "used": (_ACTIVITY, ""),
+    _PROV + "wasGeneratedBy": ("", _ACTIVITY),
+    _PROV + "wasAssociatedWith": (_ACTIVITY, _AGENT),
+    _PROV + "wasAttributedTo": ("", _AGENT),
+    _PROV + "wasInformedBy": (_ACTIVITY, _ACTIVITY),
+    _PROV + "startedAtTime": (_ACTIVITY, ""),
+    _PROV + "endedAtTime": (_ACTIVITY, ""),
+    _SOSA + "madeBySensor": (_OBSERVATION, _SENSOR),
+    _SOSA + "hasFeatureOfInterest": (_OBSERVATION, ""),
+    _SOSA + "hasResult": (_OBSERVATION, ""),
+    _SOSA + "resultTime": (_OBSERVATION, ""),
+    _SOSA + "phenomenonTime": (_OBSERVATION, ""),
+    _TIME + "hasBeginning": (_INTERVAL, _INSTANT),
+    _TIME + "hasEnd": (_INTERVAL, _INSTANT),
+    _TIME + "inXSDDateTimeStamp": (_INSTANT, ""),
+}
+"""Classes of subject and value by property; empty where anything may stand. What a recommendation
+calls an entity may be anything here, so that prov:Entity is left out."""
 _NAMES = {
     _RDF: """type Property Statement subject predicate object Bag Seq Alt value List nil first rest
         XMLLiteral HTML JSON langString dirLangString PlainLiteral CompoundLiteral direction

@@ -247,13 +247,23 @@ def _bridges(outline: Outline) -> Iterator[Finding]:
             parent[find(name)] = find(names[0])
 
     places: dict[str, list[Node]] = defaultdict(list)
-    for group in outline.body.walk():
+    groups = list(outline.body.walk())
+    # A class connects its members with what the query says of the class itself.
+    spoken_of = {
+        edge.subject.value for group in groups for edge in group.edges if edge.subject.kind == "iri"
+    }
+    totals = {id(inner.body) for inner in outline.inner if inner.is_total}
+    for group in groups:
         inside: list[str] = []
         for edge in group.edges:
             ends = edge.variables
             # A thing that the query names connects its patterns; a class that it names does not.
             is_type = any(step.node.value == RDF_TYPE.value for step in edge.steps)
-            named = [end for end in edge.ends if end.kind == "iri" and not is_type]
+            named = [
+                end
+                for end in edge.ends
+                if end.kind == "iri" and (not is_type or end.value in spoken_of)
+            ]
             join([*(end.value for end in ends), *(f"<{end.value}>" for end in named)])
             for end in ends:
                 places[end.value].append(end)
@@ -267,9 +277,14 @@ def _bridges(outline: Outline) -> Iterator[Finding]:
         join([node.value for node, _ in group.values])
         if group.defined:
             join([*(node.value for node in group.defined), *_mentions(group)])
+        if id(group) in totals:
+            join(["one row", *_mentions(group)])
         # The branches of a UNION are alternatives, which nothing has to connect.
         branches = [child for child in group.children if child.role == "union"]
         join([f"union {id(group)}", *(name for branch in branches for name in _mentions(branch))])
+    apart = next((name for name in places if totals and find(name) != find("one row")), "")
+    if apart:  # a sub-select of one row, such as a count, goes with anything
+        join([apart, "one row"])
     parts: dict[str, list[Node]] = defaultdict(list)
     for name, nodes in places.items():
         parts[find(name)] += nodes

@@ -26,6 +26,7 @@ __all__ = ["TOP", "Property", "Vocabulary", "local"]
 _RDFS, _OWL = ontology.PREFIXES["rdfs"], ontology.PREFIXES["owl"]
 _RDF = ontology.PREFIXES["rdf"]
 _UPPER = tuple(ontology.PREFIXES[name] for name in ("sumo", "prov", "sosa"))
+_SORTS = tuple(ontology.PREFIXES["sumo"] + name for name in ("Object", "Process", "Abstract"))
 _Axioms: TypeAlias = tuple[int | None, int | None, bool | None, frozenset[str]]
 """Classes of subjects and of values, whether these are things, and their datatypes."""
 TOP = {_OWL + "Thing", _RDFS + "Resource", _RDFS + "Literal"}
@@ -122,6 +123,7 @@ class Vocabulary:
         self._unions: dict[Term, list[str]] = {}
         self._general: dict[int, list[str]] = {}
         self._named: dict[int, list[str]] = {}
+        self._specific: dict[frozenset[str], list[str]] = {}
         self._read()
 
     def _quads(self, predicate: str) -> Iterator[tuple[Term, Term]]:
@@ -155,11 +157,11 @@ class Vocabulary:
         for name in ("label", "comment"):
             self._property(_RDFS + name).relates_things = False
         for iri, ends in metamodel.PROPERTIES.items():
-            made = self._property(iri)
-            made.relates_things = True
-            for at, end in enumerate(ends):
-                if end and not (made.ranges if at else made.domains):
-                    self._constrain(made, at, [NamedNode(end)])
+            self._property(iri).relates_things = True
+            self._complete(iri, ends)
+        for iri, ends in metamodel.OF_STANDARDS.items():
+            if iri in self.properties:
+                self._complete(iri, ends)
         for label in (_RDFS + "label", "http://www.w3.org/2004/02/skos/core#altLabel"):
             for term, text in self._quads(label):
                 if not isinstance(term, NamedNode) or not isinstance(text, Literal):
@@ -219,6 +221,13 @@ class Vocabulary:
             for iri, given in axioms.items():
                 self._constrain(self._property(iri), at, given)
 
+    def _complete(self, iri: str, ends: Iterable[str]) -> None:
+        """Add what is demanded of the ends of a property, where the graph says nothing of it."""
+        made = self._property(iri)
+        for at, end in enumerate(ends):
+            if end in self.below and not (made.ranges if at else made.domains):
+                self._constrain(made, at, [NamedNode(end)])
+
     def _property(self, iri: str) -> Property:
         return self.properties.setdefault(iri, Property(iri))
 
@@ -244,12 +253,15 @@ class Vocabulary:
 
     def most_specific(self, names: Iterable[str]) -> list[str]:
         """Return the classes that have none of the others below them."""
-        kept = list(dict.fromkeys(names))
-        return [
-            iri
-            for iri in kept
-            if not any(iri in self.above[other] for other in kept if other != iri)
-        ]
+        classes = frozenset(names)
+        listed = self._specific.get(classes)
+        if listed is None:
+            listed = self._specific[classes] = [
+                iri
+                for iri in sorted(classes)
+                if not any(iri in self.above[other] for other in classes if other != iri)
+            ]
+        return listed
 
     def are_disjoint(self, name: str, other: str) -> bool:
         """Return whether the ontology says that two classes have no common member."""
@@ -269,6 +281,11 @@ class Vocabulary:
         A box and a robot are both physical, which does not make them alike.
         """
         return all(kind.startswith(_UPPER) for kind in self._shared(mine, other))
+
+    def sorts(self, bits: int) -> set[str]:
+        """Return which of objects, processes and information some classes are."""
+        tops = self.most_general(bits)
+        return {local(sort) for sort in _SORTS for top in tops if sort in self.above[top]}
 
     def below_all(self, names: Iterable[str]) -> int | None:
         """Return the bits of the subclasses of what is above all of some classes.

@@ -47,7 +47,7 @@ force strength strongly hard press firmly pressure
 kind sort type category class
 when date
 now current currently present presently latest last moment
-order sequence timeline history chronology chronological chronologically log
+order sequence timeline history chronicle chronology chronological chronologically log
 happen occur action event
 contribute contribution give add share supply
 evidence support basis base rest measure proof show
@@ -58,7 +58,7 @@ refuse refusal decline reject abstain
 subtask sub-task step part divide decompose consist belong compose
 overlap simultaneous simultaneously parallel concurrent concurrently
 convert transform transformation conversion
-recognise recognize identify recognition identification classify
+recognise recognize identify recognition identification classify believe
 dataset data
 end expire invalid invalidate obsolete outdated
 prove proven reliable rely trusted trustworthy
@@ -80,6 +80,7 @@ manipulator manipulate manipulation
 room kitchen
 pose coordinate coordinates orient orientation
 next then afterwards react reaction subsequently
+match candidate
 low lack lacking insufficient
 bytes file
 heavy weight weigh payload lift
@@ -94,9 +95,9 @@ STOP = frozenset(
     re.findall(
         r"\w+",
         "a an the of to in on at by for with from and or be do have it its there this that any "
-        "some me my i you your we our us please would like show list tell let all each every what "
-        "which as so than then up out into about over if was will shall may might one ones they "
-        "them he she his her their not give need want find get know",
+        "some me my i you your we our us please would could like show list tell let all each every "
+        "what which as so than then up out into about over if was will shall may might one ones "
+        "they them he she his her their not give need want find get know",
     )
 )
 """Words that say little about which question is asked."""

@@ -46,6 +46,8 @@ class Proposed(Answer):
     derived: int
     withdrawn: int
     violations: list[Value]
+    """the first five"""
+    violations_left_out: int
     refused: Value | None
     proposal: int
     state: str
@@ -72,6 +74,7 @@ def propose_change(asked: Asked, request: ProposeChange) -> Proposed:
     refused: Value | None = None
     derived = withdrawn = 0
     violations: list[Value] = []
+    left_out = 0
     try:
         trial = kb.try_change(added, removed, access=Access())
     except RtaskError as error:
@@ -79,6 +82,7 @@ def propose_change(asked: Asked, request: ProposeChange) -> Proposed:
     else:
         derived, withdrawn = trial.derived, trial.withdrawn
         shown = trial.violations[:MAX_SHOWN]
+        left_out = len(trial.violations) - len(shown)
         violations = [
             asked.terms.text(str(part), ["the shapes, quoting the graph"]) for part in shown
         ]
@@ -93,6 +97,7 @@ def propose_change(asked: Asked, request: ProposeChange) -> Proposed:
         derived=derived,
         withdrawn=withdrawn,
         violations=violations,
+        violations_left_out=left_out,
         refused=refused,
         proposal=number,
         state=state,

@@ -11,6 +11,7 @@ from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, rest, tool
 from rtask.asking.tools.evidence import outcomes_page, statements_page
 from rtask.asking.tools.places import MAX_PLACES, Place, places_of
 from rtask.asking.tools.values import Value
+from rtask.errors import UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import RDF_TYPE, NamedNode, iri
 from rtask.wire.message import Answer
@@ -18,7 +19,7 @@ from rtask.wire.types import Number, Text, Texts
 
 __all__ = ["find_object", "recall_grasps", "where_is"]
 
-PAGE, MAX_GRASPS = 50, 1000
+PAGE, MAX_GRASPS = 50, 10_000
 _ENGINE = ["the engine, quoting the graph"]
 
 
@@ -171,6 +172,11 @@ def recall_grasps(asked: Asked, request: RecallGrasps) -> GraspEntries:
     """Return what the engine recalls, with the facts that decide between grasps."""
     commit = asked.kb.seq
     subject = asked.resource(request.object)
+    if request.offset >= MAX_GRASPS:
+        raise UsageError(
+            f"offset: the {MAX_GRASPS} most reliable grasps are listed; name a gripper, or ask for "
+            f"all by ask_sparql: SELECT ?grasp {{ {subject} rt:hasGrasp ?grasp }}"
+        )
     most = min(request.offset + PAGE, MAX_GRASPS)
     args: dict[str, Any] = {"object": subject.value, "max_grasps": most}
     if request.gripper is not None:

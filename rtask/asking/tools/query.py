@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import Field
 
-from rtask.asking.check.checker import check
+from rtask.asking.check.checker import check, checker_of
 from rtask.asking.check.findings import Finding
 from rtask.asking.shorthand import Expansion, expand
 from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, tool
@@ -52,6 +52,9 @@ class Rows(PagedAnswer):
     holds: bool = False
     facts: list[Fact] = Field(default_factory=list)
     faults: list[Fault] = Field(default_factory=list)
+    faults_left_out: int = 0
+    not_checked: str = ""
+    """why the query was not checked: no fault is then no proof of none"""
 
 
 class CheckSparql(Message):
@@ -65,7 +68,10 @@ class Checked(Answer):
 
     commit: int
     ok: bool
+    """no fault was seen; of a query that was not checked, that it can be read"""
     faults: list[Fault]
+    faults_left_out: int
+    not_checked: str
 
 
 @tool(
@@ -80,16 +86,16 @@ def ask_sparql(asked: Asked, request: AskSparql) -> Rows:
     commit = asked.kb.seq
     try:
         answer = evaluate(asked, query.text)
-        faults = _faults(asked, query)
+        findings = check(asked.kb, query.text)
     except QuerySyntaxError as error:
         raise query.error(error) from None
     is_empty = not answer
-    shown = [fault for fault in faults if is_empty or fault.severity == "certain"]
+    findings = [finding for finding in findings if is_empty or finding.severity == "certain"]
     answered = rows_of(asked, answer, commit, request.offset)
     if isinstance(answer, Solutions):
         terms = [list(row) for row in answer[request.offset : request.offset + PAGE]]
         answered = answered.model_copy(update={"rows": with_evidence(asked, terms, answered.rows)})
-    return answered.model_copy(update={"faults": shown}) if shown else answered
+    return answered.model_copy(update=_faults(asked, query, findings))
 
 
 @tool(
@@ -101,10 +107,12 @@ def check_sparql(asked: Asked, request: CheckSparql) -> Checked:
     """Return the faults of a query that parses; one that does not is an error with its place."""
     query = expand(request.query, asked.reader.prefixes)
     try:
-        faults = _faults(asked, query)
+        findings = check(asked.kb, query.text)
     except QuerySyntaxError as error:
         raise query.error(error) from None
-    return Checked(commit=asked.kb.seq, ok=not faults, faults=faults)
+    members: dict[str, Any] = {"faults": [], "faults_left_out": 0, "not_checked": ""}
+    members |= _faults(asked, query, findings)
+    return Checked(commit=asked.kb.seq, ok=not findings, **members)
 
 
 def evaluate(asked: Asked, text: str) -> Solutions | bool | Triples:
@@ -145,10 +153,16 @@ def rows_of(asked: Asked, answer: Solutions | bool | Triples, commit: int, offse
     return Rows(commit=commit, columns=list(page.variables), rows=rows, **more)
 
 
-def _faults(asked: Asked, query: Expansion) -> list[Fault]:
-    """Return the faults of a query, with places in the text as it was given."""
-    findings = check(asked.kb, query.text)[:MAX_FINDINGS]
-    return [_fault(asked, query, finding) for finding in findings]
+def _faults(asked: Asked, query: Expansion, findings: list[Finding]) -> dict[str, Any]:
+    """Return members for the faults of a query, with places in the text as it was given."""
+    members: dict[str, Any] = {}
+    if findings:
+        members["faults"] = [_fault(asked, query, finding) for finding in findings[:MAX_FINDINGS]]
+    if len(findings) > MAX_FINDINGS:
+        members["faults_left_out"] = len(findings) - MAX_FINDINGS
+    if unread := checker_of(asked.kb).unread(query.text):
+        members["not_checked"] = unread
+    return members
 
 
 def _fault(asked: Asked, query: Expansion, finding: Finding) -> Fault:

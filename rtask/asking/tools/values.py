@@ -105,12 +105,14 @@ class Terms:
 
     def text(self, text: str, by: Iterable[str], lang: str = "") -> Value:
         """Return a text that somebody wrote."""
-        return _cut("text", text, by=list(by)[:MAX_AUTHORS], **({"lang": lang} if lang else {}))
+        return _cut("text", text, by=_listed(list(by)), **({"lang": lang} if lang else {}))
 
     def authors_of(self, text: Literal) -> list[str]:
         """Return who stored a text, wherever it stands; nobody, if a query made it."""
         quads = self._kb.store.quads_for_pattern(None, None, text, None)
-        return self.authors(quad.graph_name for quad in islice(quads, _LOOKED_AT))
+        authors = self.authors(quad.graph_name for quad in islice(quads, _LOOKED_AT))
+        # Whether those of further statements are the same is not known.
+        return [*authors, "perhaps others"] if next(iter(quads), None) is not None else authors
 
     def authors(self, graphs: Iterable[GraphName]) -> list[str]:
         """Return who wrote graphs, each once."""
@@ -149,7 +151,7 @@ class Terms:
         return Fact(
             p=self.short(predicate),
             o=self.value(value, by),
-            by=by[:MAX_AUTHORS],
+            by=_listed(by),
             proof=self.proof(triple),
             **subject_member,
         )
@@ -164,6 +166,13 @@ class Terms:
             f"{name}={quote(text, safe=':/')}" for name, text in zip("spo", texts, strict=True)
         )
         return f"{self._site}/explain?{'&'.join(fields)}"
+
+
+def _listed(authors: list[str]) -> list[str]:
+    """Return the first authors, and how many more there are."""
+    if len(authors) <= MAX_AUTHORS:
+        return authors
+    return [*authors[:MAX_AUTHORS], f"and {len(authors) - MAX_AUTHORS} more"]
 
 
 def _cut(kind: str, text: str, **members: Any) -> Value:

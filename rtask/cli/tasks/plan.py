@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import shlex
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -105,6 +106,12 @@ def plan(
     _show(result, form, because, assume_reach)
     if "task" in result:
         click.echo(f"stored as {result['task']}", err=True)
+        if result["late_s"]:
+            click.echo(
+                f"Warning: begun now, it is expected to end {result['late_s']:.0f} s after its "
+                "deadline, when no further step is begun.",
+                err=True,
+            )
         announce_undo(*(("branch", "drop", branch) if branch else ("undo", result["commit"])))
     if not result["complete"]:
         raise SystemExit(1)
@@ -129,7 +136,8 @@ def _plan_here(
         answer = answer_of(plan, pddl=form == "pddl", tree=form == "tree").as_json()
         if order and plan.steps:
             task = kb.tasks.store(plan, agent, order)
-            answer |= {"task": task, "commit": str(kb.seq)}
+            late_s = order.late_s(plan.duration_s, dt.datetime.now(dt.UTC))
+            answer |= {"task": task, "commit": str(kb.seq), "late_s": round(late_s, 3)}
     return answer
 
 
@@ -157,7 +165,7 @@ def _plan_there(
                 asking_price=order.prices and order.prices.asking,
                 failing_price=order.prices and order.prices.failing,
             )  # fmt: skip
-            answer |= {"task": stored["task"], "commit": stored["commit"]}
+            answer |= {name: stored[name] for name in ("task", "commit", "late_s")}
     return answer
 
 

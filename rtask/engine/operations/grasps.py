@@ -57,7 +57,7 @@ class RecallGrasps(Message):
     """IRI, objectId or name of the object"""
     gripper_id: Text | None = None
     """restricts the answer to its type; default: all types"""
-    max_grasps: Annotated[Whole, Ge(1), Le(1000)] = 10
+    max_grasps: Annotated[Whole, Ge(1), Le(10_000)] = 10
     """maximum number of grasps"""
     in_space: Flag = True
     """include grasps from any direction, not only from above"""

@@ -224,9 +224,11 @@ def look_alikes(context: Context, object_iri: NamedNode, description: str | None
         suggestions = context.classes.suggestions(description)
         return SimilarObjects(similar_objects=[], suggestions=suggestions)
     snapshot = context.views.index.snapshot()
+    gathered, untried = context.views.recogniser.gather_counted(
+        _newest(context, object_iri), snapshot
+    )
     candidates = [
-        (candidate, snapshot.object_iris[candidate.object_number])
-        for candidate in context.views.recogniser.gather(_newest(context, object_iri), snapshot)
+        (candidate, snapshot.object_iris[candidate.object_number]) for candidate in gathered
     ]
     others = [(candidate, name) for candidate, name in candidates if name != object_iri.value]
     constants = context.views.recogniser.params.confidence
@@ -248,7 +250,9 @@ def look_alikes(context: Context, object_iri: NamedNode, description: str | None
         for k in sorted(range(len(others)), key=lambda k: -sure[k])
         if others[k][1] in memory.objects
     ]
-    return SimilarObjects(similar_objects=similar, suggestions=[])
+    return SimilarObjects(
+        similar_objects=similar, suggestions=[], views_untried=0 if similar else untried
+    )
 
 
 def _why(evidence: Evidence) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rtask.errors import UsageError
 from rtask.interop.episodes.episode import Episode
+from rtask.interop.episodes.films import Shots, films_of, pooled, shots_of
 from rtask.interop.episodes.motion import Motion
 from rtask.interop.episodes.recording import RECORDING, Written, write_episodes
 from rtask.interop.episodes.situation import POSE, Situation, situations_of
@@ -43,11 +44,14 @@ class _Part:
     ----------
     columns
         (n, ...) arrays by the names of the features.
+    shots
+        What cameras saw, by the names of the features.
     """
 
     episode: Episode
     task: str
     columns: dict[str, NDArray[Any]]
+    shots: dict[str, Shots]
 
     @property
     def frames(self) -> int:
@@ -67,8 +71,8 @@ def write_lerobot(
     ``observation.state`` has the measured joints and ``action`` the commanded ones, the last of
     which is the opening of the hand; ``next.success`` is what the robot judged. Where the robot
     estimated the object's pose before each attempt, ``observation.environment_state`` has it, as it
-    was before the attempt. Judgements with their evidence are columns ``rtask/...`` of
-    ``meta/episodes``.
+    was before the attempt. Where a camera filmed each attempt, ``observation.images.CAMERA`` has
+    its pictures. Judgements with their evidence are columns ``rtask/...`` of ``meta/episodes``.
 
     Parameters
     ----------
@@ -104,11 +108,14 @@ def write_lerobot(
     selected, motions = _of_single_hand(recorded, hand)
     situations = situations_of(kb, selected)
     _require_single_type(situations.values())
+    shots = shots_of(
+        [films_of(kb, episode) for episode in selected], [motion.times for motion in motions]
+    )
     # Beside it, so that moving it there at the end is one step.
     with ScratchFolder("lerobot", folder.parent) as scratch:
         made = scratch / folder.name
         made.mkdir()
-        _write(selected, motions, situations, made, rate_hz)
+        _write(selected, motions, situations, shots, made, rate_hz)
         (made / RECORDING).parent.mkdir()
         written = write_episodes(kb, selected, made / RECORDING, progress)
         made.replace(folder)
@@ -147,6 +154,7 @@ def _write(
     episodes: Sequence[Episode],
     motions: Sequence[Motion],
     situations: Mapping[str, Situation],
+    shots: Sequence[Mapping[str, Shots]],
     folder: Path,
     rate_hz: int,
 ) -> None:
@@ -156,8 +164,8 @@ def _write(
     frames = {situation.frame_id for situation in told}
     has_pose = all(situation.pose is not None for situation in told) and len(frames) == 1
     parts, start = list[_Part](), 0
-    for number, (episode, motion, situation) in enumerate(
-        zip(episodes, motions, told, strict=True)
+    for number, (episode, motion, situation, seen) in enumerate(
+        zip(episodes, motions, told, shots, strict=True)
     ):
         task = situation.task
         columns = _columns(motion, number, tasks.index(task), start, episode.held is True)
@@ -165,7 +173,8 @@ def _write(
             assert situation.pose is not None
             rows = np.tile(situation.pose.astype(np.float32), (len(motion.times), 1))
             columns = {"observation.environment_state": rows, **columns}
-        parts.append(_Part(episode, task, columns))
+        images = {f"observation.images.{camera}": shot for camera, shot in seen.items()}
+        parts.append(_Part(episode, task, columns, images))
         start += len(motion.times)
     joints = list(motions[0].joints)
     _write_parquet(_frames(parts), folder / "data" / _CHUNK)
@@ -173,6 +182,7 @@ def _write(
     _write_parquet(_tasks(tasks), folder / "meta/tasks.parquet")
     whole = {name: np.concatenate([p.columns[name] for p in parts]) for name in parts[0].columns}
     stats = {name: _stats(values) for name, values in whole.items()}
+    stats |= {name: pooled([part.shots[name] for part in parts]) for name in parts[0].shots}
     (folder / "meta/stats.json").write_text(json.dumps(stats, indent=4), "utf-8")
     names = {"observation.environment_state": [f"{min(frames)}/{part}" for part in POSE]}
     info = {
@@ -189,7 +199,8 @@ def _write(
         "data_path": f"data/{_PATTERN}.parquet",
         "video_path": None,
         "features": {
-            name: _feature(values, names.get(name, joints)) for name, values in whole.items()
+            **{name: shot.feature for name, shot in parts[0].shots.items()},
+            **{name: _feature(values, names.get(name, joints)) for name, values in whole.items()},
         },
     }
     (folder / "meta/info.json").write_text(json.dumps(info, indent=4), "utf-8")
@@ -232,7 +243,10 @@ def _stats(values: NDArray[Any]) -> dict[str, list[float]]:
 def _frames(parts: Sequence[_Part]) -> pyarrow.Table:
     import pyarrow as pa
 
-    arrays = {}
+    arrays = {
+        name: pa.concat_arrays([part.shots[name].column() for part in parts])
+        for name in parts[0].shots
+    }
     for name in parts[0].columns:
         values = np.concatenate([part.columns[name] for part in parts])
         if values.ndim == 1:
@@ -268,10 +282,16 @@ def _episodes(parts: Sequence[_Part]) -> pyarrow.Table:
         "rtask/evidence": (pa.string(), ["; ".join(part.episode.evidence) for part in parts]),
     }
     columns |= {name: pa.array(values, kind) for name, (kind, values) in judged.items()}
-    of_parts = [{name: _stats(v) for name, v in part.columns.items()} for part in parts]
+    of_parts = [
+        {name: _stats(v) for name, v in part.columns.items()}
+        | {name: shot.stats() for name, shot in part.shots.items()}
+        for part in parts
+    ]
     for name, stats in of_parts[0].items():
         for key in stats:
-            kind = pa.list_(pa.int64() if key == "count" else pa.float64())
+            number = pa.int64() if key == "count" else pa.float64()
+            is_nested = name in parts[0].shots and key != "count"
+            kind = pa.list_(pa.list_(pa.list_(number))) if is_nested else pa.list_(number)
             columns[f"stats/{name}/{key}"] = pa.array(
                 [part_stats[name][key] for part_stats in of_parts], kind
             )

@@ -23,6 +23,7 @@ _FUNCTIONAL = NamedNode(ontology.PREFIXES["owl"] + "FunctionalProperty")
 _PLACEMENT_OF = NamedNode(ontology.NS + "placementOf")
 _END = NamedNode(ontology.PREFIXES["time"] + "hasEnd")
 MAX_CONFLICTS = 100
+_MORE = f"there are more than these {MAX_CONFLICTS}: settle them, and compare again"
 """Conflicts that are named; with so many, somebody looks at the branch first."""
 
 
@@ -36,7 +37,8 @@ class Conflict:
         ``value``: both gave another value of a functional property; ``place``: both put a thing
         somewhere, and neither ended the other's interval; ``withdrawn``: the branch states
         something of what the trunk has withdrawn; ``contradiction``: together they contradict each
-        other or the ontology; ``refused``: the commit would be refused for another reason.
+        other or the ontology; ``refused``: the commit would be refused for another reason;
+        ``more``: there are further ones, which were not looked for.
     message
         What it is, for people.
     subject
@@ -112,7 +114,10 @@ class Comparison:
 def conflicts_of(
     trunk: GraphStore, own: NetChange, others: NetChange, names: Names
 ) -> list[Conflict]:
-    """Return the conflicts that can be told from the statements, at most 100.
+    """Return the conflicts that can be told from the statements.
+
+    Of more than :data:`MAX_CONFLICTS`, the last entry is of kind ``more``, and says that further
+    ones were not looked for.
 
     Parameters
     ----------
@@ -127,9 +132,10 @@ def conflicts_of(
         *_places(trunk, own, others, names),
         *_withdrawn(trunk, own, others, names),
     ):
-        conflicts.append(conflict)
         if len(conflicts) == MAX_CONFLICTS:
+            conflicts.append(Conflict("more", _MORE))
             break
+        conflicts.append(conflict)
     return conflicts
 
 

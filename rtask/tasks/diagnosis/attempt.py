@@ -94,7 +94,9 @@ class Failure:
     is_late
         Whether it ended after its deadline; None without one.
     others
-        Other judged attempts at the product, or with the hand.
+        Other judged attempts at the product, or with the hand; the latest of them.
+    is_cut
+        Whether there are earlier ones, which are not taken into account.
     hands
         Hands that can grasp the product and reach the place, as far as the graph knows.
     grasps
@@ -116,5 +118,6 @@ class Failure:
     neighbours: tuple[str, ...] = ()
     is_late: bool | None = None
     others: tuple[Try, ...] = ()
+    is_cut: bool = False
     hands: tuple[Hand, ...] = ()
     grasps: tuple[tuple[str, str, float], ...] = ()

@@ -85,6 +85,8 @@ class Diagnosis:
         for cause in self.causes:
             lines.append(f"  {cause.chance:.2f}  {cause.text}")
             lines += [f"          {clue}" for clue in cause.evidence]
+        if self.failure.is_cut:
+            lines.append(f"  judged by the latest {len(self.failure.others)} other attempts alone")
         if self.change is not None:
             verb = "it would have held" if self.mends else "nothing known would mend it; at best"
             lines.append(f"{verb} (chance {self.change.chance:.2f}): {self.change.text}")

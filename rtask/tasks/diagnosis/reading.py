@@ -201,6 +201,7 @@ def _around(
 ) -> Failure:
     length = width = mass = None
     others: tuple[Try, ...] = ()
+    is_cut = False
     grasps: tuple[tuple[str, str, float], ...] = ()
     if tried.product:
         product = str(NamedNode(tried.product))
@@ -210,7 +211,7 @@ def _around(
             (_text(row, "grasp"), _text(row, "kind"), _number(row, "along") or 0.0)
             for row in select(PREFIXES + _GRASPS % product)
         )
-        others = _others(select, product, attempt, tried)
+        others, is_cut = _others(select, product, attempt, tried)
     age_s, is_elsewhere, place = _placements(select, tried, _time(more.get("begun")))
     place = tried.place or place
     tried = Try(
@@ -224,22 +225,23 @@ def _around(
     return Failure(
         subject, attempt, more.get("step", ""), text, tried, bool(more.get("held")), length,
         width, mass, age_s, is_elsewhere, more.get("margin"), tuple(names[iri] for iri in near),
-        more.get("is_late"), others, _hands(select, tried), grasps,
+        more.get("is_late"), others, is_cut, _hands(select, tried), grasps,
     )  # fmt: skip
 
 
-def _others(select: Select, product: str, attempt: str, tried: Try) -> tuple[Try, ...]:
+def _others(select: Select, product: str, attempt: str, tried: Try) -> tuple[tuple[Try, ...], bool]:
+    """Return the latest other attempts, and whether there are earlier ones."""
     hand = str(NamedNode(tried.hand.iri)) if tried.hand.iri else _NOTHING
-    rows = select(PREFIXES + _OTHERS % (product, hand, _MAX_OTHERS))
+    rows = list(select(PREFIXES + _OTHERS % (product, hand, _MAX_OTHERS + 1)))
     seen: dict[str, Try] = {}
-    for row in rows:
+    for row in rows[:_MAX_OTHERS]:
         iri = _text(row, "attempt")
         if iri != attempt and iri not in seen:
             seen[iri] = Try(
                 _hand(row), _text(row, "product"), grasp=_text(row, "grasp"),
                 along=_number(row, "along"), held=row.value("ok") is True, is_other=True,
             )  # fmt: skip
-    return tuple(seen.values())
+    return tuple(seen.values()), len(rows) > _MAX_OTHERS
 
 
 def _placements(

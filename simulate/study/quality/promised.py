@@ -164,13 +164,18 @@ def _after_own_outcomes(
 def _covered(chances: FloatArray, shares: FloatArray, factory: FactoryMap) -> dict[str, Any]:
     """Return of how many objects at least the promised share held, nine of ten being aimed at.
 
-    By the factory's shortfall, with an interval; and by one from half of the objects over the other
-    half: the mean over 200 draws, beside what it would be if no two objects were alike. That is
-    above .9, as a shortfall is that of some object; the rest of the excess comes from ties.
+    By the factory's shortfall, with an interval, and of how many that promises nothing at all; and
+    by one from half of the objects over the other half: the mean over 200 draws, beside what it
+    would be if no two objects were alike. That is above .9, as a shortfall is that of some object;
+    the rest of the excess comes from ties.
     """
     least = np.array([factory.at_least(float(chance)) for chance in chances])
     hits = share(int((shares >= least - 1e-9).sum()), len(shares))
-    coverage = {"covered": round(hits["share"], 4), "covered_95": hits["interval95"]}
+    coverage = {
+        "covered": round(hits["share"], 4),
+        "covered_95": hits["interval95"],
+        "abstained": round(float((least <= 0).mean()), 4),
+    }
     unit = np.array([chance_spread(float(chance)) for chance in chances])
     beside, halves = (chances - shares) / unit, []
     rng = np.random.default_rng(0)

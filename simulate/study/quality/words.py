@@ -52,7 +52,7 @@ def _promises(name: str, row: Mapping[str, Any]) -> list[str]:
         )
     lines.append(
         f"  at least what is promised at 90 %: {row['covered']:.3f} {row['covered_95']} of the "
-        f"objects, with margins from halves of them "
+        f"objects, nothing promised on {row['abstained']:.3f}, with margins from halves of them "
         f"{row.get('covered_by_halves', float('nan')):.3f}, of which their number explains "
         f"{row.get('expected_by_halves', float('nan')):.3f}"
     )

@@ -4,7 +4,9 @@
 
 Rods and cartons fall over a box and around it, six at each; what comes to rest inside stays, up to
 three. After each, the robot looks into the box and at the table and judges. Prints how often it
-says yes, no and unknown of what is in the box and of what is not, and the share of the box seen.
+says yes, no and unknown of what is in the box and of what is not, and the share of the box seen. Of
+what is unknown though something new lies in the box, a robot concludes at the end of its work that
+it is there, if it is nowhere on the table ("new").
 """
 
 from __future__ import annotations
@@ -85,8 +87,9 @@ def judge_box(robot: str, seed: int, number: int) -> tuple[list[tuple[bool, str]
                 after, table_after = looks.box(box), looks.beside(box)
                 on_table = share_left(table, table_after, volume) - 1.0  # it was not there before
                 is_inside = is_placed(state_of(world, laid.body, spec), box)
-                answer = judge_placed(False, before, after, volume, on_table).answer
-                answers.append((is_inside, answer))
+                judged = judge_placed(False, before, after, volume, on_table)
+                is_open = judged.answer == "unknown" and judged.is_new_there
+                answers.append((is_inside, "new" if is_open else judged.answer))
                 shares.append(_seen(after.heights))
                 if is_inside and len(inside) < _STAY:
                     inside.append(laid.body)
@@ -115,7 +118,7 @@ def main() -> None:
         shares += seen
         print(number, *(f"{'in' if inside else 'out'}:{answer}" for inside, answer in answers))
     for inside in (True, False):
-        said = {answer: counts[inside, answer] for answer in ("yes", "no", "unknown")}
+        said = {answer: counts[inside, answer] for answer in ("yes", "no", "new", "unknown")}
         print("in the box " if inside else "elsewhere  ", said)
     print(f"of the box is seen {np.median(shares):.2f} (median)")
 

@@ -88,6 +88,11 @@ def robotics_queries() -> list[tuple[str, str]]:
     return _further("asking_robotics.rq", "robotics")
 
 
+def form_queries() -> list[tuple[str, str]]:
+    """Return queries in further forms of SPARQL, frozen before the check first saw them."""
+    return _further("asking_forms.rq", "forms")
+
+
 def _further(file: str, stem: str) -> list[tuple[str, str]]:
     texts = (_HERE / file).read_text("utf-8").strip().split("\n\n")
     head = prologue(ontology.PREFIXES)
@@ -171,6 +176,7 @@ def main() -> None:
             ("in many styles", style_queries(), given.show if given.unseen else ""),
             ("in styles, later", later_style_queries(), given.show if given.unseen else ""),
             ("of robotics people", robotics_queries(), given.show if given.unseen else ""),
+            ("in further forms", form_queries(), given.show if given.unseen else ""),
         ):
             print(f"queries {name}")
             measure(Bench(kb), texts, given.seed, show)
@@ -243,6 +249,7 @@ def report_words(shows_missed: bool) -> None:
             ("known, each left out", question_words.known(kb)),
             ("frozen before tuning", question_words.unseen(kb)),
             ("in three styles", question_words.unseen(kb, "asking_fifth.toml")),
+            ("spoken, and by visitors", question_words.unseen(kb, "asking_sixth.toml")),
         ):
             tried = list(tries)
             right = sum(one.is_filled for one in tried)

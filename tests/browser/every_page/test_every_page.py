@@ -30,7 +30,7 @@ PATHS = (
     "/teach", f"/teach?iri={OBJECT}", "/curation", f"/object/merge?iri={OBJECT}",
     f"/object/split?iri={OBJECT}", f"/object/forget?iri={OBJECT}", "/resource?iri=rt:Mug",
     f"/explain?s={OBJECT}&p=rdf:type&o=rt:Mug", "/search?q=mug", "/operations",
-    "/ask?text=which+mugs+are+there", "/terms", "/terms?term=rt:Mug",
+    "/ask?text=which+mugs+are+there", "/terms", "/terms?term=sumo:_UnaryFunction",
     "/operations/register_robot", "/admin/tokens", "/admin/audit", "/admin/queries",
     "/admin/proposals", "/openapi",
     "/world", "/world?at=2026-01-01T12:30:00Z", "/plan", "/plan?goal=every+mug+into+the+box",

@@ -31,6 +31,7 @@ def test_a_commit_of_many_objects_tells_of_some_and_looks_up_no_more_names(monke
     assert len(told) == len(looked_up) == commits.MAX_LISTED
     assert {one.kind for one in told} == {"wrote"}
     assert told[0].words.startswith("told the graph of cup ")
+    assert told[-1].words == f"and {commits.MAX_LISTED + 1} more in one commit"
 
 
 def test_an_outcome_without_a_task_names_the_object_by_its_most_specific_kind():

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
+import ontology
 import rtask
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.access.tokens import TokenStore
@@ -77,9 +78,10 @@ def host() -> Iterator[ServiceHost]:
         MAY_END.set()
 
 
-def planned(host: ServiceHost, tool: str) -> Plan:
+def planned(host: ServiceHost, tool: str, **arguments: Any) -> Plan:
     """Return the plan of one call of a tool by a robot."""
-    message = {"jsonrpc": "2.0", "id": 7, "method": "tools/call", "params": {"name": tool}}
+    params = {"name": tool, "arguments": arguments}
+    message = {"jsonrpc": "2.0", "id": 7, "method": "tools/call", "params": params}
     headers = {"host": "localhost", "content-type": "application/json"}
     request = Request("POST", "/mcp/services", "", headers, json.dumps(message).encode())
     auth = Authenticator(TokenStore(None), Config())
@@ -143,9 +145,11 @@ def test_the_schemas_of_all_tools_are_for_agents_and_allow_their_own_defaults() 
         with open_host(engine) as opened:
             tools = listed(opened)
     assert len(tools) > 40
-    assert len(json.dumps(tools)) < 120_000
+    assert len(json.dumps(tools)) < 140_000
+    assert sum(len(json.dumps(tool["outputSchema"])) for tool in tools) < 25_000
     defaults = 0
     for tool in tools:
+        Draft202012Validator.check_schema(tool["outputSchema"])
         schema = tool["inputSchema"]
         Draft202012Validator.check_schema(schema)
         for part in parts(schema):
@@ -155,6 +159,31 @@ def test_the_schemas_of_all_tools_are_for_agents_and_allow_their_own_defaults() 
                 Draft202012Validator(whole).validate(part["default"])
                 defaults += 1
     assert defaults > 10
+
+
+def test_answers_are_as_their_schemas_announce_them() -> None:
+    """A client that checks them, such as the official SDK, refuses any other."""
+    asked: tuple[tuple[str, dict[str, Any]], ...] = (
+        ("recall_grasps", {"object": "mug"}),
+        ("list_plans", {}),
+        ("compare_contributors", {}),
+        ("where_is", {"name": "mug"}),
+        ("list_questions", {}),
+    )
+    with rtask.open(":memory:") as kb, Engine(kb) as engine:
+        assert isinstance(kb, KnowledgeBase)
+        kb.load(ontology.path("examples/sample.trig"))
+        with open_host(engine) as opened:
+            schemas = {tool["name"]: tool["outputSchema"] for tool in listed(opened)}
+            for name, arguments in asked:
+                plan = planned(opened, f"rtask_Engine_{name}", **arguments)
+                assert plan.elsewhere is not None, plan.run().body
+                plan.elsewhere.start().exception(20)
+                answered = result(plan)
+                assert not answered["isError"], answered["content"]
+                schema = schemas[f"rtask_Engine_{name}"]
+                Draft202012Validator(schema).validate(answered["structuredContent"])
+                assert schema["required"]
 
 
 def listed(host: ServiceHost) -> list[dict[str, Any]]:

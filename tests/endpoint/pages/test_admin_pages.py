@@ -209,7 +209,9 @@ def test_a_page_that_needs_a_token_offers_to_sign_in() -> None:
     assert 'href="/login?next=%2Fadmin%2Ftokens%3Fx%3D1"' in answer.text
 
 
-def test_an_operator_adopts_and_refuses_proposals_on_a_page(site: Site) -> None:
+def test_an_operator_adopts_and_refuses_proposals_on_a_page(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
     quads = [
         pyoxigraph.Quad(*map(pyoxigraph.NamedNode, (f"urn:{name}", "urn:p", "urn:o", "urn:g")))
         for name in ("first", "second")
@@ -234,6 +236,10 @@ def test_an_operator_adopts_and_refuses_proposals_on_a_page(site: Site) -> None:
     shown = browser.get("/admin/proposals", base_url=ELSEWHERE).text
     assert "Nothing waits for a decision" in shown
     assert "too general" in shown
+    assert "data-left-out" not in shown
+    monkeypatch.setattr("endpoint.pages.admin._DECIDED", 1)
+    shown = browser.get("/admin/proposals", base_url=ELSEWHERE).text
+    assert "1 were decided before" in shown
 
 
 def test_the_page_of_a_follower_leads_to_the_proposals_of_its_writer(

@@ -10,6 +10,7 @@ import pytest
 from flask.testing import FlaskClient
 
 import ontology
+from endpoint.pages.curation import Alike
 from tests.endpoint.sites import HOST, Site
 
 pytestmark = pytest.mark.slow
@@ -179,3 +180,21 @@ def test_a_wrong_address_says_what_is_wrong(site: Site, address: str, status: in
 def test_an_unknown_operation_gets_the_nearest_name(site: Site) -> None:
     refused = curate(site.signed_in("ann"), "mrege", object="urn:lab/object/1")
     assert "did you mean 'merge'?" in refused.get_json()["detail"]
+
+
+def test_views_that_were_not_compared_leave_it_undecided_what_an_object_is(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    browser = site.signed_in("ann")
+    address = "/teach?iri=urn:lab/object/3"
+    assert "None looks like it" in page(browser, address)
+    monkeypatch.setattr("endpoint.pages.teach.objects_alike", lambda *_: Alike(views_untried=7))
+    assert "Not decided: 7 stored views" in page(browser, address)
+    monkeypatch.setattr("endpoint.pages.teach.MAX_CANDIDATES", 1)
+    assert "data-left-out" in page(browser, address + "&name=a")
+
+
+def test_words_too_many_to_look_for_are_refused_and_not_cut(site: Site) -> None:
+    browser = site.signed_in("ann")
+    assert "mug" in page(browser, "/search?q=mug")
+    assert "at most 200" in page(browser, "/search?q=" + "mug+" * 60 + "nothing", status=400)

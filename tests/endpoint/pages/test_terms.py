@@ -118,3 +118,14 @@ def test_what_is_no_term_is_refused_with_the_nearest_name(client: FlaskClient) -
         thing = client.get("/terms", query_string={"term": "kb:object/7"}, headers=headers)
         assert thing.status_code == 404
         assert client.get("/terms?term=no:such", headers=headers).status_code == 400
+
+
+def test_the_example_of_a_property_of_records_finds_them(kb: rtask.KnowledgeBase) -> None:
+    """Graphs of records are not reasoned about, so that a domain does not tell their types."""
+    card = card_of(kb.select, find_term(kb.select, "rt:graphOwner"))
+    assert "a rt:NamedGraph" in card.example
+    with rtask.open(":memory:", base="urn:lab/") as lab:
+        lab.update("INSERT DATA { <urn:a> <urn:b> <urn:c> }", agent="nao")
+        card = card_of(lab.select, find_term(lab.select, "rt:graphOwner"))
+        assert card.count == 1
+        assert len(lab.select(prologue(ontology.PREFIXES) + card.example)) == 1

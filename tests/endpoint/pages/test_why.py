@@ -13,6 +13,7 @@ import pytest
 from flask.testing import FlaskClient
 
 import ontology
+from endpoint.pages.curation import Alike
 from rtask.asking.tools.toolbox import TOOLS, Toolbox
 from rtask.engine.context import SCOPES
 from rtask.kb.commit.access import Access
@@ -65,6 +66,16 @@ INSERT DATA {{
   <urn:lab/pose/1> a rt:Pose ; rt:inFrame <urn:lab/frame/1> ; rt:x 0.1e0 ; rt:y 0e0 ; rt:z 0e0 ;
     rt:atTime "2026-01-01T10:00:00Z"^^xsd:dateTime .
 }}"""
+_PLACED = """
+  <urn:lab/thing/1> a rt:Exemplar ; rt:exemplarOf <urn:lab/object/1> ; rt:name "this mug" ;
+    rt:currentPlacement <urn:lab/placement/1> .
+  <urn:lab/placement/1> a rt:Placement ; rt:placementOf <urn:lab/thing/1> ;
+    rt:placementPose <urn:lab/pose/9> ; time:hasBeginning <urn:lab/instant/1> .
+  <urn:lab/instant/1> a time:Instant ;
+    time:inXSDDateTimeStamp "2026-01-01T10:00:00Z"^^xsd:dateTimeStamp .
+  <urn:lab/frame/9> a rt:Frame ; rt:frameId "map" .
+  <urn:lab/pose/9> a rt:Pose ; rt:inFrame <urn:lab/frame/9> ; rt:x 1e0 ; rt:y 0e0 ; rt:z 0e0 ;
+    rt:qx 0e0 ; rt:qy 0e0 ; rt:qz 0e0 ; rt:qw 1e0 ."""
 PAGES = (
     "/", "/objects", "/object?iri=urn:lab/object/1", "/robots", "/robot?iri=urn:lab/robot/nao-7",
     "/learning", "/activity", "/feedback", "/search?q=mug",
@@ -75,7 +86,9 @@ NOT_LEARNT = re.compile(r"/(benchmarks|setup|operations|explain|resource|static|
 """Figures of another machine, units in forms, proofs, and statements with their graphs."""
 MAX_ALIKE = 3
 """Pages of one kind that a walk looks at."""
-LEARNT = re.compile(r"\d+ of \d+ held|(?<!\d)(?!9[05] %)\d{1,3} %|\b0\.\d\d\b")
+LEARNT = re.compile(
+    r"\d+ of \d+ held|(?<!\d)(?!9[05] %)\d{1,3} %|\b0\.\d\d\b|\b(expected|chance) [01.]*\d+ ?%?"
+)
 BLOCKS = {"tr", "p", "figcaption", "li", "dd", "td"}
 
 
@@ -158,13 +171,33 @@ def test_so_it_is_on_every_page_that_links_lead_to(browser: FlaskClient) -> None
     assert len(seen) > 40
 
 
+def test_what_was_expected_and_whether_a_thing_is_still_there_lead_on() -> None:
+    """Numbers of events and of the world, which are not stated before a server runs."""
+    attempt = _attempt(9, "nao-7", "true")
+    with Site.opened(FACTS) as site:
+        browser = site.signed_in("ann")
+        head = FACTS.partition("INSERT DATA")[0]
+        site.kb.update(f"{head} INSERT DATA {{ {attempt} }}", "nao-7")
+        site.kb.update(
+            f"{head} PREFIX time: <{ontology.PREFIXES['time']}> INSERT DATA {{ {_PLACED} }}",
+            "nao-7",
+        )
+        shown = text_of(browser, "/activity")
+        assert "expected 67%" in shown
+        assert bare_figures(shown) == []
+        shown = text_of(browser, "/world")
+        assert "Still there" in shown
+        assert re.search(r"data-figure[^>]*>\d+ %</a>", shown)
+        assert bare_figures(shown) == []
+
+
 def test_a_likeness_leads_to_both_objects_side_by_side_and_says_what_agrees(
     browser: FlaskClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def alike(subject: str, description: str) -> Any:
         counts = dict.fromkeys(("views", "grasps", "attempts", "successes"), 1)
         row = {"object": "urn:lab/object/1", "name": "blue mug", "classes": "mug", "image": None}
-        return [{**row, **counts, "confidence": 0.62, "why": "31 places agree"}], []
+        return Alike([{**row, **counts, "confidence": 0.62, "why": "31 places agree"}])
 
     monkeypatch.setattr("endpoint.pages.teach.objects_alike", alike)
     monkeypatch.setattr("endpoint.pages.curation.objects_alike", alike)

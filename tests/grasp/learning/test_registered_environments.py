@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,6 +78,23 @@ def test_the_grasp_problem_needs_no_arguments(monkeypatch: pytest.MonkeyPatch) -
     for given, missing in (("problems", "outcome"), ("outcome", "problems")):
         with pytest.raises(ValueError, match=f"{missing} is missing"):
             gymnasium.make("rtask/Grasp-v0", **{given: _GRASP[given]})
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["TwoRooms", pytest.param("Grasp", marks=pytest.mark.deep)],  # 2 s to lay out its objects
+)
+def test_a_name_with_its_module_needs_no_import(name: str) -> None:
+    program = (
+        "import gymnasium\n"
+        f"world = gymnasium.make('grasp.learning.environments:rtask/{name}-v0')\n"
+        "print(world.reset(seed=1)[0].shape)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("(")
 
 
 @pytest.mark.parametrize("name", ["TwoRooms", "Taxi", "MountainCar"])

@@ -307,3 +307,48 @@ def test_a_function_that_the_store_lacks_is_an_error_as_in_evaluation(kb: Knowle
     for ask in (kb.check, kb.select):
         with pytest.raises(DataError, match="function <urn:f> is not supported"):
             ask(query)
+
+
+@pytest.mark.parametrize(
+    ("body", "rule", "words"),
+    [
+        ("SELECT ?c ?t { ?c a rt:SharedGraph ; prov:endedAtTime ?t }", "wrong-type",
+         "shared graph"),
+        ("SELECT ?o ?s { ?o a rt:ManipulableObject ; sosa:madeBySensor ?s }", "wrong-type",
+         "manipulable object"),
+        ("SELECT ?robotA { ?robotA a rt:NamedGraph }", "unusual-name", "named graph"),
+        ("SELECT ?robot { ?robot a rt:GraspEvaluation }", "unusual-name", "grasp evaluation"),
+    ],
+)  # fmt: skip
+def test_a_class_that_is_no_activity_sensor_or_agent_is_blamed(
+    kb: KnowledgeBase, body: str, rule: str, words: str
+) -> None:
+    """PROV-O and SOSA say what their terms are for, although the ontology repeats no axiom."""
+    found = only(kb, body)
+    assert (found.rule, found.severity) == (rule, "likely")
+    assert words in found.words
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "SELECT ?try ?t { ?try a rt:GraspAttempt ; prov:endedAtTime ?t }",
+        "SELECT ?view { ?view a sosa:Observation ; sosa:madeBySensor ?cam }",
+        "SELECT ?p ?t { ?p a rt:Placement ; time:hasBeginning/time:inXSDDateTimeStamp ?t }",
+        "SELECT ?poseA ?poseX { ?poseA a rt:Pose ; rt:x ?poseX }",
+        "SELECT ?v ?from { ?v a rt:View ; rt:viewpoint ?from }",
+        "CONSTRUCT { ?o a ?c } WHERE { ?o a rt:Mug . rt:Mug rdfs:subClassOf+ ?c }",
+        "ASK { ?x a rt:Mug, rt:Box }",
+        "SELECT * { { SELECT (COUNT(?a) AS ?n) { ?a a rt:View } } "
+        "{ SELECT (COUNT(?b) AS ?m) { ?b a rt:Mug } } }",
+        "SELECT ?w { ?w prov:wasAssociatedWith ?a , ?b . ?a a rt:Human . ?b a cora:Robot }",
+    ],
+)
+def test_terms_of_the_standards_are_used_as_they_are_meant(kb: KnowledgeBase, body: str) -> None:
+    assert kb.check(prologue(ontology.PREFIXES) + body) == []
+
+
+def test_sub_selects_of_many_rows_still_need_a_bridge(kb: KnowledgeBase) -> None:
+    part = "{ SELECT ?%s (COUNT(?a%s) AS ?n%s) { ?%s rt:hasGrasp ?a%s } GROUP BY ?%s }"
+    found = only(kb, f"SELECT * {{ {part % tuple('xxxxxx')} {part % tuple('yyyyyy')} }}")
+    assert found.rule == "missing-bridge"

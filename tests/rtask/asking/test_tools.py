@@ -17,6 +17,7 @@ from rtask.asking.tools.protocol import VERSIONS, answer
 from rtask.asking.tools.toolbox import MAX_RESULT, TOOLS, Toolbox
 from rtask.engine import Engine
 from rtask.engine.context import SCOPES
+from rtask.errors import UnsupportedError
 from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import prologue
@@ -375,3 +376,55 @@ def test_the_past_says_from_which_commit_on_it_is_kept(
     monkeypatch.setattr(kb.feed, "oldest_retained", lambda: kb.seq)
     assert call(toolbox, "history", term="kb:object/7")["kept_from"] == kb.seq
     assert failure(toolbox, "history", term="kb:object/7", at=1)["error"] == "changes-gone"
+
+
+def test_no_page_of_grasps_is_given_twice(
+    toolbox: Toolbox, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beyond the last page that there is, the caller is told, and told how to go on."""
+    monkeypatch.setattr("rtask.asking.tools.grasping.MAX_GRASPS", 1)
+    first = call(toolbox, "recall_grasps", object="mug")
+    assert (len(first["grasps"]), first["more"]) == (1, {"offset": 1, "left": 1})
+    refused = failure(toolbox, "recall_grasps", object="mug", offset=1)
+    assert refused["error"] == "usage"
+    assert "rt:hasGrasp" in refused["detail"]["value"] or "#hasGrasp>" in refused["detail"]["value"]
+
+
+def test_faults_violations_and_authors_that_are_left_out_are_counted(
+    toolbox: Toolbox, kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    query = "SELECT ?a ?b { ?a a rt:Mugg . ?b a rt:Cupp }"
+    whole = call(toolbox, "ask_sparql", query=query)
+    assert "faults_left_out" not in whole
+    count = len(whole["faults"]) - 1
+    ill = [["kb:object/8", "rt:mass", "-3"], ["kb:object/9", "rt:mass", "-3"]]
+    with monkeypatch.context() as lowered:
+        lowered.setattr("rtask.asking.tools.query.MAX_FINDINGS", 1)
+        lowered.setattr("rtask.asking.tools.changes.MAX_SHOWN", 1)
+        assert call(toolbox, "ask_sparql", query=query)["faults_left_out"] == count
+        checked = call(toolbox, "check_sparql", query=query)
+        assert (checked["ok"], checked["not_checked"]) == (False, "")
+        assert checked["faults_left_out"] >= count >= 1
+        tried = call(toolbox, "propose_change", add=ill, keep=False)
+        assert (len(tried["violations"]), tried["violations_left_out"] > 0) == (1, True)
+    for name in "abcde":
+        said = f'<urn:lab/object/7> <{ontology.PREFIXES["rdfs"]}comment> "often said"'
+        kb.update(f"INSERT DATA {{ {said} }}", agent=name)
+    (fact,) = (
+        fact
+        for fact in call(toolbox, "describe", term="kb:object/7")["facts"]
+        if fact["o"]["value"] == "often said"
+    )
+    assert fact["by"] == fact["o"]["by"] == ["a", "b", "c", "and 2 more"]
+
+
+def test_a_query_that_is_not_read_is_not_called_right(
+    toolbox: Toolbox, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unread(text: str, base: str) -> Any:
+        raise UnsupportedError("a form of its own")
+
+    monkeypatch.setattr("rtask.asking.check.checker.read_outline", unread)
+    checked = call(toolbox, "check_sparql", query="SELECT ?o { ?o a rt:Mugg }")
+    assert (checked["ok"], checked["faults"]) == (True, [])
+    assert checked["not_checked"].startswith("not checked")

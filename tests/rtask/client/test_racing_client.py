@@ -49,11 +49,14 @@ def silent() -> Iterator[str]:
                 except OSError:
                     return
 
-        threading.Thread(target=take, daemon=True).start()
+        thread = threading.Thread(target=take, daemon=True)
+        thread.start()
         yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+        # First nobody may come any more: a connection taken after the others were closed stays.
+        listener.shutdown(socket.SHUT_RDWR)
+        thread.join()
         for one in taken:
             one.close()
-        listener.shutdown(socket.SHUT_RDWR)
 
 
 @pytest.fixture

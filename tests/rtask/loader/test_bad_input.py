@@ -5,8 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -15,6 +13,7 @@ import rtask
 from rtask.errors import InconsistentError, ParseError, StorageFullError, TooLargeError
 from rtask.kb.durability import blobs
 from rtask.knowledge_base import KnowledgeBase
+from tests.commands import run_program
 
 _XML = (
     '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#" xmlns:e="urn:e:">\n'
@@ -145,13 +144,7 @@ def test_a_disk_that_fills_up_leaves_the_store_as_it_was(
 
 def test_a_second_process_is_told_who_holds_the_folder(tmp_path: Path) -> None:
     with rtask.open(tmp_path, ontologies=False, reason=False):
-        done = subprocess.run(
-            [sys.executable, "-c", _LOAD, "load", "--data", str(tmp_path), "-"],
-            input="",
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        done = run_program(_LOAD, "load", "--data", str(tmp_path), "-")
     assert done.returncode == 3
     assert done.stderr.count("\n") == 1
     assert f"is open for writing by pid {os.getpid()}" in done.stderr

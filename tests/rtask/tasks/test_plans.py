@@ -96,6 +96,16 @@ def test_what_no_hand_can_hold_is_refused_with_the_measures_of_each_robot(kb):
     assert "rtask update 'INSERT DATA" in refusal.text
 
 
+def test_what_was_not_looked_into_for_a_reason_is_said(kb, monkeypatch):
+    monkeypatch.setattr("rtask.tasks.reasons._MAX_ROBOTS", 1)
+    (refusal,) = kb.tasks.plan("the jug into the left box").refusals
+    assert sorted(refusal.by_robot) == sorted([NAO, PANDA])
+    assert sum(text.startswith("not looked at") for text in refusal.by_robot.values()) == 1
+    monkeypatch.setattr("rtask.tasks.planner._MAX_REFUSALS", 0)
+    (rest,) = kb.tasks.plan("the jug into the left box").refusals
+    assert rest.goal == "1 more goals"
+
+
 def test_reach_that_nobody_stated_is_assumed_on_request_only_and_said(kb):
     plan = kb.tasks.plan("the jug into the left box", assume_reach=True)
     assert plan.is_complete

@@ -6,6 +6,7 @@ import datetime as dt
 import json
 import subprocess
 import sys
+import time
 
 import httpx
 import pytest
@@ -95,6 +96,15 @@ def test_priority_deadline_and_cancelling_decide_what_comes_next(engine):
     assert not claim(engine, AS_PANDA).claimed
     states = {p.task: p.state for p in engine.call("list_plans", {"state": "all"}, ANN).plans}
     assert states == {cup: "replaced", pen: "cancelled", late: "late"}
+
+
+def test_a_plan_that_will_be_late_is_stored_with_a_word_of_warning(engine):
+    def stored(deadline):
+        return engine.call("store_plan", {"goal": GOAL, "deadline": deadline}, ANN)
+
+    due = stored(time.time() + 1.0)
+    assert due.late_s >= due.duration_s - 1.0  # and more, by what planning takes
+    assert stored(time.time() + 1e6).late_s == 0.0
 
 
 def test_a_thing_that_one_robot_has_is_not_given_to_another(engine):
@@ -205,6 +215,7 @@ def test_commands_list_who_does_what_and_why_and_cancel(tmp_path, capsys):
     due = ("--deadline", "2100-01-01T00:00:00Z")
     _, _, err = run("plan", GOAL, "--store", "--agent", "ann", "--priority", "3", *due)
     task = err.partition("stored as ")[2].split()[0]
+    assert "after its deadline" not in err
     with rtask.open(tmp_path / "kb") as kb:
         claiming.claim_step(kb, PANDA, kb.access("panda-1"))
     code, out, _ = run("tasks", "list")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
@@ -61,6 +62,17 @@ def test_a_centre_of_mass_is_told_from_a_slippery_thing_by_where_it_held(engine)
     assert answer.causes[0].kind in ("centre_of_mass", "weak_zone"), answer.text
     assert (answer.mends, answer.change.kind) == (True, "grasp")
     assert 0.02 < answer.change.along < 0.1, answer.text
+
+
+def test_attempts_that_are_not_taken_into_account_are_announced(engine, monkeypatch):
+    for along in (0.04, 0.07, 0.05):
+        tried(engine, PANDA, along)
+    attempt = tried(engine, NAO, -0.08, "slip_hold")
+    whole = engine.call("explain_failure", {"subject": attempt}, ANN)
+    assert "other attempts alone" not in whole.text
+    monkeypatch.setattr("rtask.tasks.diagnosis.reading._MAX_OTHERS", 2)
+    cut = engine.call("explain_failure", {"subject": attempt}, ANN)
+    assert re.search(r"judged by the latest \d other attempts alone", cut.text)
 
 
 def test_a_slippery_thing_fails_wherever_it_is_held(engine):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from features.perception import Perceived
+from simulate.grasping.judgement import Judgement
 from tests.simulate.agent.doubles import Body, Record, Server, seen_at
 
 
@@ -128,6 +129,31 @@ def test_what_is_nowhere_is_said_to_be_lost(run) -> None:
     assert ("missing", {"object": 1, "title": "object 1", "last_seen": [0.15, -0.1]}) in told
     assert looks[-2:] == ["right", "left"]
     assert looks.count("left") < 8  # it does not search for ever
+
+
+@pytest.mark.parametrize("is_new_there", [True, False])
+def test_what_is_nowhere_else_is_the_new_thing_in_the_box(run, is_new_there: bool) -> None:
+    spot, told = (0.15, -0.1), []
+    seen = Judgement("unknown", "a part of it may lie there", is_new_there)
+    slipped = Record(placed=False, judged_placed=seen, place_reason="slip_transport")
+    body = Body([spot], [slipped])
+    _away(body, None)
+    (met,) = run(body, Server(), [spot], on_event=lambda name, data: told.append((name, data)))
+    assert (met.placed, met.lost) == (is_new_there, not is_new_there)
+    assert met.tries_to_success is None  # the grasp failed all the same
+    names = [name for name, _ in told]
+    assert ("found" in names, "missing" in names) == (is_new_there, not is_new_there)
+    assert ("nowhere on the table" in met.attempts[-1].evidence) is is_new_there
+
+
+def test_what_turns_up_again_is_not_in_the_box(run) -> None:
+    spot, there = (0.15, -0.1), (0.16, -0.04)
+    seen = Judgement("unknown", "a part of it may lie there", is_new_there=True)
+    slipped = Record(placed=False, judged_placed=seen, place_reason="slip_transport")
+    body = Body([spot], [slipped])
+    _away(body, there)
+    (met,) = run(body, Server(), [spot, there])
+    assert [a.placed for a in met.attempts] == [False, True]
 
 
 def test_what_is_hidden_from_one_side_is_looked_for_from_another(run) -> None:

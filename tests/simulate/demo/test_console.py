@@ -47,6 +47,10 @@ TRIED = {
             {"event": "missing", "object": 4, "title": "object 4", "last_seen": [0.1, 0.2]},
             "object 4 is gone; it was last seen at 0.10, 0.20 m",
         ),
+        (
+            {"event": "found", "object": 4, "title": "rod-1", "where": "in the box"},
+            "rod-1 is in the box",
+        ),
     ],
 )
 def test_an_event_is_one_line_in_words(

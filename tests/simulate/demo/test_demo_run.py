@@ -275,10 +275,7 @@ def test_ctrl_c_ends_every_process_and_leaves_a_whole_store(tmp_path: Path) -> N
     process.communicate(timeout=60)
     assert process.returncode not in (0, None)
     assert _gone(children)
-    verified = subprocess.run(
-        [sys.executable, "-m", "rtask", "verify", "-d", str(tmp_path / "run" / "store")],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    verified = run_command("verify", "-d", str(tmp_path / "run" / "store"))
     assert verified.returncode == 0, verified.stdout + verified.stderr
 
 

@@ -100,9 +100,10 @@ def test_what_it_relied_on_is_named_and_nothing_is_made_up() -> None:
     assert find_evidence(object(), "", "nao-2", attempt) == []  # type: ignore[arg-type]
 
 
-def test_the_page_shows_the_runs_and_the_points(tmp_path: Path) -> None:
+def result_of_a_proof() -> dict[str, Any]:
+    """Return what a proof that showed all its points prints as JSON."""
     runs = dict(zip(TITLES, (FAILED, HELD, FAILED, FAILED, HELD), strict=True))
-    result = {
+    return {
         "carton": "carton-1", "weak": "left", "robot": "nao-2", "teacher": "nao-1",
         "runs": {
             title: run["encounters"]
@@ -110,6 +111,10 @@ def test_the_page_shows_the_runs_and_the_points(tmp_path: Path) -> None:
         },
         "relied_on": EVIDENCE, "points": proof_points(runs, TITLES, EVIDENCE), "shown": True,
     }  # fmt: skip
+
+
+def test_the_page_shows_the_runs_and_the_points(tmp_path: Path) -> None:
+    result = result_of_a_proof()
     write_proof(tmp_path, result)
     page = (tmp_path / "proof.html").read_text("utf-8")
     assert page.count('<div class="robot">') == 7
@@ -121,6 +126,7 @@ def test_options_of_others_are_refused() -> None:
     for arguments, what in (
         (("--proof", "--objects", "3"), "--objects"),
         (("--weak", "left"), "--weak"),
+        (("--page",), "--page"),
         (("--proof", "--robot", "nao", "--robot", "panda"), "--robot"),
     ):
         with pytest.raises(UsageError, match=what):

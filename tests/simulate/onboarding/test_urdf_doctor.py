@@ -165,3 +165,49 @@ def test_space_that_shapes_share_weighs_once():
     assert estimated_inertial([cube, apart]).mass == pytest.approx(2.0)
     joined = estimated_inertial([cube, half])
     assert joined.centre[0] == pytest.approx(0.025, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (('xyz="0 0 0.3"/>', 'xyz="0 0 0.3" rpy="0 90 0"/>'), "has the rpy 0 90 0 rad: degrees?"),
+        (('mass value="1"', 'mass value="850"'), "weighs 850 kg, 1 kg if its shape were of water"),
+        (('izz=".1"', 'izz="900"'), "no body has the principal moments"),
+        (('ixx=".1" iyy=".1" izz', 'ixx="900" iyy="900" izz'), "many metres wide: kg mm2?"),
+        (('lower="-1" upper="1"', 'lower="-inf" upper="inf"'), "limits without end; taken as +-pi"),
+    ],
+)  # fmt: skip
+def test_turns_masses_moments_and_limits_in_other_units_are_doubted(tmp_path, change, says):
+    path = arm(tmp_path, shape=box("0.1 0.1 0.1"))
+    assert not [word for word in bare_robot(path, name="arm")[1] if says in word]
+    path.write_text(path.read_text().replace(*change))
+    robot, warnings = bare_robot(path, name="arm")
+    assert [word for word in warnings if says in word], warnings
+    assert all(np.isfinite([joint.lower, joint.upper]).all() for joint in robot.joints)
+
+
+def test_a_wrong_inertia_is_replaced_by_that_of_the_shape(tmp_path):
+    path = arm(tmp_path, shape=box("0.1 0.1 0.1"))
+    path.write_text(
+        path.read_text().replace('ixx=".1" iyy=".1" izz=".1"', 'ixx="9e2" iyy="9e2" izz="9e2"')
+    )
+    fore = next(link for link in read_urdf(path, strict=False).links if link.name == "fore")
+    assert fore.inertial.mass == 1.0
+    assert max(fore.inertial.diagonal) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (('name="to_fore"', 'name="to_upper"'), "two joints are called 'to_upper'"),
+        (('xyz="0 0 0.3"', 'xyz="0 0 0,3"'), "'0 0 0,3' has decimal commas; URDF writes 0.5"),
+        (('xyz="0 0 0.3"', 'xyz="0 0 ${len}"'), "is not three numbers; expand it first: xacro"),
+        (('upper="1"', 'upper="${max}"'), "is not a number; expand it first: xacro"),
+    ],
+)  # fmt: skip
+def test_what_would_end_the_process_or_be_read_as_something_else_is_refused(tmp_path, change, says):
+    path = arm(tmp_path)
+    path.write_text(path.read_text().replace(*change))
+    with pytest.raises(RobotError) as told:
+        bare_robot(path, name="arm")
+    assert says in str(told.value)

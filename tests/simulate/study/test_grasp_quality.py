@@ -143,6 +143,7 @@ def test_the_gate_wants_a_pick_that_is_never_below_and_proven_better() -> None:
     assert promise["error"] == pytest.approx(0.25)
     assert promise["error_after_50"] < 0.08
     assert promise["covered"] == promise["covered_by_halves"] == 1.0
+    assert promise["abstained"] == 0.0
     assert 0.9 <= promise["expected_by_halves"] <= 1.0
     assert promise["covered_95"][0] < 1.0 == promise["covered_95"][1]
     assert promise["widest_gap"] == pytest.approx(max(

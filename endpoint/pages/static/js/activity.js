@@ -50,10 +50,18 @@ function split(event) {
   return end < 0 ? [detail, ""] : [detail.slice(0, end), detail.slice(end + 2)];
 }
 
+/** Return words with what was expected as a link to the outcomes that it rested on. */
+function explained(said, event) {
+  const at = event.kind === "outcome" && event.object ? said.indexOf("expected ") : -1;
+  if (at < 0) return [said];
+  const href = `/feedback?${new URLSearchParams({ object: event.object })}`;
+  return [said.slice(0, at), element("a", { class: "figure", "data-figure": "", href, title: "Why? What this rests on" }, said.slice(at))];
+}
+
 function row(event) {
   const words = element("span", {}, element("b", {}, event.who), " ", linked(event.words, event.object));
   const [said, measured] = split(event);
-  if (said) words.append(" ", element("small", {}, said));
+  if (said) words.append(" ", element("small", {}, ...explained(said, event)));
   if (measured) words.append(element("details", {}, element("summary", {}, "what it measured"), element("small", {}, measured)));
   const made = element("li", { "data-kind": event.kind, "data-who": event.who },
     element("time", {}, clock(event.time_s)), words);

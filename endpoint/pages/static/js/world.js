@@ -84,7 +84,7 @@ function list(scene, find) {
     cell("In frame", node.above),
     cell("x, y, z (m)", [0, 1, 2].map((axis) => node.pose[axis][3].toFixed(3)).join(", ")),
     cell("Place", `${RELATIONS[node.relation]} ${node.placeLabel ?? ""}`),
-    cell("Still there", `${Math.round(100 * node.stillThere)} %`),
+    cell("Still there", about(node, `${Math.round(100 * node.stillThere)} %`, { class: "figure", "data-figure": "", title: "Why? What this rests on" })),
     cell("Last seen", when(node.seen)))));
   if (!things.length) find("things").append(element("tr", {}, element("td", { colspan: "6" }, "Nothing was known to be here at that time.")));
   find("unplaced-section").hidden = !scene.unplaced.length;
@@ -93,8 +93,8 @@ function list(scene, find) {
 }
 
 /** A thing as a link to all that is stated about it. */
-function about({ iri, label }) {
-  return element("a", { href: `/resource?${new URLSearchParams({ iri })}` }, label);
+function about({ iri, label }, text = label, attributes = {}) {
+  return element("a", { href: `/resource?${new URLSearchParams({ iri })}`, ...attributes }, text);
 }
 
 function when(time) {

@@ -8,7 +8,7 @@ from rtask.asking.check.findings import Finding
 from rtask.asking.check.fitting import reversed_edge
 from rtask.asking.check.look import Look
 from rtask.asking.check.naming.meanings import head_of
-from rtask.asking.check.naming.names import affinity, words_of
+from rtask.asking.check.naming.names import PREPOSITIONS, affinity, words_of
 from rtask.asking.check.naming.usual import heads, kinds_by_name, nouns, usual_kinds, usual_literals
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context, Demand, family
@@ -61,7 +61,7 @@ class ByNames(Look):
                 continue
             if node.value not in self._vocabulary.properties:
                 continue  # an unknown term is reported as such
-            if value.name.lower() in nouns(self._vocabulary):
+            if value.name.lower() in nouns(self._vocabulary) | PREPOSITIONS:
                 continue
             if affinity(value.name, node.value, self._vocabulary) > 0:
                 continue

@@ -119,10 +119,18 @@ class ByWords(Look):
 
         That a graph has no such statements is no fault.
         """
+        if edge.steps[0].node.value == TYPE:
+            # That there are named graphs does not say that what is called a robot is one; but a
+            # task and an action are both processes, and called by each other's names.
+            sorts = [self._vocabulary.sorts(bits) for bits in (demand.bits or 0, kinds)]
+            if "Process" in sorts[0] & sorts[1]:
+                return True
+            is_other = all(sorts) and not sorts[0] & sorts[1]
+            if is_other or not self._evidence.matches(edge):
+                return self._fitting.is_attested(edge, context)
+            return not self._fitting.is_contradicted(edge, context)
         if self._fitting.evidence.matches(edge):
             return not self._fitting.is_contradicted(edge, context)
-        if edge.steps[0].node.value == TYPE:
-            return False
         named = Edge(demand.node, [], demand.node, -1, -1)
         wish = Demand(named, 0, kinds or None, True)
         return not self._repairs.has_attested(edge, context, wish)

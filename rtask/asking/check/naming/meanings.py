@@ -11,7 +11,7 @@ from functools import lru_cache
 from types import MappingProxyType
 
 import ontology
-from rtask.asking.check.naming.names import words_of
+from rtask.asking.check.naming.names import PREPOSITIONS, words_of
 from rtask.asking.check.naming.usual import heads
 from rtask.asking.check.types import family
 from rtask.asking.check.vocabulary import Vocabulary, local
@@ -39,6 +39,8 @@ _IN_BETWEEN = {"container", "surface", "holder", "support", "shelf", "table", "t
                "desk", "bench", "slot", "product"}  # fmt: skip
 """What carries others, and may itself stand on something."""
 _TO_UPPER = {"parent", "ancestor", "located", "placed", "sub", "container", "exemplar"}
+_COUNTED = {"a", "b", "c"}
+"""Letters that tell things of one kind apart; ``x`` and the like are measures of one."""
 _IDENTIFYING = {"name", "label", "id", "identifier", "code", "title", "kind", "type", "text"}
 
 
@@ -46,11 +48,13 @@ _IDENTIFYING = {"name", "label", "id", "identifier", "code", "title", "kind", "t
 def head_of(name: str) -> str:
     """Return the word that says what a variable is, in the singular; empty for an abbreviation.
 
-    >>> head_of("theRobots"), head_of("robot2"), head_of("r")
-    ('robot', 'robot', '')
+    >>> head_of("theRobots"), head_of("robot2"), head_of("robotA"), head_of("r")
+    ('robot', 'robot', 'robot', '')
     """
     words = [word for word in words_of(name.partition(" ")[0]) if not word.isdigit()]
-    if not words or len(words[-1]) < 3:
+    if len(words) > 1 and words[-1] in _COUNTED:
+        words.pop()
+    if not words or len(words[-1]) < 3 or words[-1] in PREPOSITIONS:
         return ""
     word = words[-1]
     return word[:-1] if len(word) > 4 and word.endswith("s") and word[-2] not in "su" else word

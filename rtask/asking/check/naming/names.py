@@ -9,10 +9,21 @@ from functools import lru_cache
 
 from rtask.asking.check.vocabulary import Vocabulary, local
 
-__all__ = ["affinities", "affinity", "likeness", "may_be_like", "properties_named", "words_of"]
+__all__ = [
+    "PREPOSITIONS",
+    "affinities",
+    "affinity",
+    "likeness",
+    "may_be_like",
+    "properties_named",
+    "words_of",
+]
 
 _VARIABLES = 2_000
 _PART = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+
+PREPOSITIONS = frozenset({"from", "with", "for", "via", "into", "onto", "near", "per"})
+"""Words that say how something is involved, and nothing of what it is."""
 
 
 @lru_cache(maxsize=8192)

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 import ontology
-from rtask.asking.check.naming.names import words_of
+from rtask.asking.check.naming.names import PREPOSITIONS, words_of
 from rtask.asking.check.syntax.outline import Outline
 from rtask.asking.check.syntax.reading import read_outline
 from rtask.asking.check.types import Demands, contexts, family
@@ -107,7 +107,7 @@ def usual_literals(vocabulary: Vocabulary) -> Mapping[str, frozenset[str]]:
         {
             name: frozenset(kinds)
             for name, kinds in usual.items()
-            if name not in things and named.intersection(words_of(name))
+            if name not in things | PREPOSITIONS and named.intersection(words_of(name))
         }
     )
 

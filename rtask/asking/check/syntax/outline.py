@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from typing import Literal as Choice
 from typing import TypeAlias
 
+from rtask.rdf.terms import RDF_TYPE
+
 __all__ = ["Edge", "Group", "Node", "Outline", "Step"]
 
 Kind: TypeAlias = Choice["variable", "iri", "literal", "blank"]
@@ -218,6 +220,22 @@ class Outline:
     prefixes: dict[str, str] = field(default_factory=dict)
     inner: list[Outline] = field(default_factory=list)
     aliases: list[tuple[Node, str, str]] = field(default_factory=list)
+
+    @property
+    def is_total(self) -> bool:
+        """Whether it is a SELECT of one row, because all that it shows is computed over all."""
+        shows_rows = self.selects_all or bool(self.projected) or self.grouped is not None
+        return bool(self.defined) and not shows_rows
+
+    @property
+    def asks_for_kinds(self) -> bool:
+        """Whether it only asks if something is of several kinds, to which "no" is an answer."""
+        edges = [edge for group in self.body.walk() for edge in group.edges]
+        return (
+            self.form == "ASK"
+            and len({edge.subject.value for edge in edges}) == 1
+            and all([it.node.value for it in edge.steps] == [RDF_TYPE.value] for edge in edges)
+        )
 
     def mentions_of(self, variable: str) -> list[Node]:
         """Return every mention of a variable at the end of a pattern."""

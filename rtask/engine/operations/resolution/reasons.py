@@ -10,7 +10,7 @@ from rtask.engine.memory.meaning import Meaning
 if TYPE_CHECKING:
     from rtask.engine.context import Context
 
-from rtask.engine.operations.resolution.candidates import ObjectCandidate
+from rtask.engine.operations.resolution.candidates import MAX_CANDIDATES, ObjectCandidate
 from rtask.engine.operations.resolution.messages import Reason
 
 __all__ = ["find_reasons", "sentence", "undecided"]
@@ -44,11 +44,18 @@ def find_reasons(
                 )
             )
     unseen = [candidate for candidate in candidates if not candidate.is_seen]
-    latest = sorted(unseen, key=lambda candidate: candidate.seen, reverse=True)[:_MAX_ELSEWHERE]
+    latest = sorted(unseen, key=lambda candidate: candidate.seen, reverse=True)
     reasons += [
         _reason("elsewhere", f"{candidate.label} {_last_seen(candidate)}", candidate)
-        for candidate in latest
+        for candidate in latest[:_MAX_ELSEWHERE]
     ]
+    if len(latest) > _MAX_ELSEWHERE:
+        atleast = "at least " if len(candidates) >= MAX_CANDIDATES else ""
+        text = (
+            f"{atleast}{len(latest) - _MAX_ELSEWHERE} more are known and not seen; "
+            "a longer seen_within_s takes those in that were"
+        )
+        reasons.append(_reason("elsewhere", text))
     if not candidates:
         reasons.append(_reason("none_known", f"{_asked(context, meant)}: the graph knows none"))
     return reasons

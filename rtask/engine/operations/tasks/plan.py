@@ -172,6 +172,8 @@ class StoredPlan(GoalPlan):
     """IRI of the task whose sub-tasks are the steps"""
     commit: str
     """which can be undone"""
+    late_s: float = 0.0
+    """by how much it is expected to end after its deadline if it begins now; 0 if in time"""
 
 
 @operation("read", "reads", "plan what robots do for a goal, or say why none can reach it")
@@ -209,11 +211,13 @@ def store_plan(context: Context, request: StorePlan, access: Access) -> StoredPl
     if author.role == "robot":
         _require_own(context, plan, author)
     with context.writing:
-        task, commit = storing.store_plan(
-            context.kb, plan, access=author, order=_order(context, request, author)
-        )
+        order = _order(context, request, author)
+        task, commit = storing.store_plan(context.kb, plan, access=author, order=order)
     return StoredPlan(
-        **_fields(plan, pddl=False, tree=False), task=task, commit=context.commit_id(commit)
+        **_fields(plan, pddl=False, tree=False),
+        task=task,
+        commit=context.commit_id(commit),
+        late_s=round(order.late_s(plan.duration_s, dt.datetime.now(dt.UTC)), 3),
     )
 
 

@@ -22,6 +22,7 @@ from rtask.engine.memory.learners import experience, keep_learner, resume_learne
 from rtask.errors import UnknownTermError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES
+from tests.commands import run_program
 
 pytestmark = pytest.mark.slow
 
@@ -97,10 +98,7 @@ def test_another_process_makes_the_identical_choice(bench, folder):
         answer = engine.call("recognise_for_grasp", request(bench), Access("nao-2", "robot"))
     assert any(g["statistics"]["attempts"] for g in answer["grasps"])
     here = [[g["id"], g["alpha"], g["beta"], g["explanation"]["score"]] for g in answer["grasps"]]
-    done = subprocess.run(
-        [sys.executable, "-c", ELSEWHERE, str(folder)], input=json.dumps(request(bench)),
-        capture_output=True, text=True, timeout=300, check=True,
-    )  # fmt: skip
+    done = run_program(ELSEWHERE, str(folder), given=json.dumps(request(bench)), check=True)
     assert json.loads(done.stdout) == here
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 import ontology
@@ -123,6 +125,15 @@ def test_what_is_known_and_not_seen_is_told_with_its_place(room):
     where = {"x": 1.5, "y": 0.25, "z": 0.75, "frame_id": "kitchen"}
     assert answer["reasons"][1]["place"] == where
     assert "at (1.50, 0.25, 0.75) of kitchen" in answer["reasons"][1]["text"]
+
+
+def test_known_things_that_are_not_listed_are_counted(room, monkeypatch):
+    monkeypatch.setattr("rtask.engine.operations.resolution.reasons._MAX_ELSEWHERE", 1)
+    told = [one for one in room.ask("something to drink from", objects=[])["reasons"]
+            if one["code"] == "elsewhere"]  # fmt: skip
+    assert len(told) == 2
+    assert told[0]["object"]
+    assert re.match(r"\d+ more are known and not seen", told[1]["text"])
 
 
 def test_an_old_look_does_not_count_as_seen(room):

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import queue
-import subprocess
-import sys
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +18,7 @@ from rtask.cli.ros.schema import engine_schema
 from rtask.errors import UsageError
 from rtask.interop.ros.dds.calling import read_header, with_header
 from rtask.interop.ros.dds.types import RosTypes, dds_name, full_type
+from tests.commands import run_command
 from tests.rtask.interop.ros.conftest import Child, running
 from tests.servers import running_server
 
@@ -212,11 +211,10 @@ def test_the_node_is_seen_by_name_and_its_endpoints_have_hashes(served, robot, t
 
 @pytest.mark.slow
 def test_a_call_from_a_shell_prints_the_response(served, network):
-    run = subprocess.run(
-        [sys.executable, "-m", "rtask", "ros2", "dds", "call", "register_robot",
-         json.dumps({"name": "nao-2", "model": "nao", "end_effectors": [HAND]}),
-         "--namespace", "/nao1", "--domain", network, "--wait", "30"],
-        capture_output=True, text=True, timeout=100, check=False,
+    run = run_command(
+        "ros2", "dds", "call", "register_robot",
+        json.dumps({"name": "nao-2", "model": "nao", "end_effectors": [HAND]}),
+        "--namespace", "/nao1", "--domain", network, "--wait", "30",
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
     assert json.loads(run.stdout)["robot"].endswith("robot/nao-2")
@@ -231,10 +229,7 @@ def test_what_a_shell_asks_for_in_vain_ends_with_exit_code_3(served, network, tm
         ("save", "/silent", str(tmp_path), "--wait", "0.2"): "nothing came on /silent",
     }  # fmt: skip
     for arguments, message in asked.items():
-        run = subprocess.run(
-            [sys.executable, "-m", "rtask", "ros2", "dds", *arguments, "--domain", network],
-            capture_output=True, text=True, timeout=100, check=False,
-        )  # fmt: skip
+        run = run_command("ros2", "dds", *arguments, "--domain", network)
         assert (run.returncode, message in run.stderr) == (3, True), run.stderr
 
 
@@ -312,9 +307,6 @@ def test_a_caller_of_another_dds_is_named_once_before_any_request_of_it_is_read(
 
 @pytest.mark.slow
 def test_the_doctor_hears_its_own_message(network):
-    run = subprocess.run(
-        [sys.executable, "-m", "rtask", "ros2", "doctor", "--domain", network, "--wait", "0.2"],
-        capture_output=True, text=True, timeout=100, check=False,
-    )  # fmt: skip
+    run = run_command("ros2", "doctor", "--domain", network, "--wait", "0.2")
     assert run.returncode == 0, run.stderr
     assert "a message was sent and heard" in run.stdout

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import datetime as dt
-import os
 import random
 import signal
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -34,6 +31,7 @@ from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import Quad, TripleKey, iri
+from tests.commands import run_program
 
 _RT = ontology.NS
 _PREFIXES = f"PREFIX rt: <{_RT}> " + " ".join(
@@ -204,6 +202,19 @@ def test_two_values_of_a_functional_property_are_a_conflict(kb: KnowledgeBase) -
     _write(branch.graph, change.format("0.7e0"))
     branch.merge()
     assert not _holds(kb, "<urn:c0> <urn:mass> 0.5e0")
+
+
+def test_conflicts_that_were_not_looked_for_are_announced(
+    kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    branch = kb.branch("many")
+    values = "INSERT DATA {{ <urn:c1> <urn:mass> {0} . <urn:c2> <urn:mass> {0} }}"
+    _write(branch.graph, values.format("0.5e0"))
+    _write(kb, values.format("0.7e0"))
+    assert [c.kind for c in branch.compare().conflicts][:2] == ["value", "value"]
+    monkeypatch.setattr("rtask.kb.branches.comparison.MAX_CONFLICTS", 1)
+    assert [c.kind for c in branch.compare().conflicts][:2] == ["value", "more"]
+    branch.drop()
 
 
 def test_the_same_change_on_both_sides_is_no_conflict(kb: KnowledgeBase) -> None:
@@ -393,9 +404,7 @@ def test_a_killed_process_loses_nothing_of_a_branch(kb: KnowledgeBase, tmp_path:
         "kb.update('INSERT DATA { <urn:c2> a <urn:Cup> }')\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script, tmp_path / "kb"], env=os.environ, check=False
-    )
+    done = run_program(script, str(tmp_path / "kb"))
     assert done.returncode == -signal.SIGKILL
     with rtask.open(tmp_path / "kb", ontologies=False) as again:
         branch = again.open_branch("killed")

@@ -5,8 +5,6 @@ from __future__ import annotations
 import gc
 import random
 import re
-import subprocess
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -22,6 +20,7 @@ from rtask.kb.store import embedded
 from rtask.kb.store.collector import collector_paused
 from rtask.kb.store.embedded import EmbeddedStore
 from rtask.knowledge_base import KnowledgeBase
+from tests.commands import run_program
 
 _SCHEMA = """
 @prefix owl: <http://www.w3.org/2002/07/owl#> .
@@ -188,17 +187,12 @@ list(work)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step", [1, 2, 3, 5])
+@pytest.mark.parametrize(
+    "step", [1, 3, *(pytest.param(step, marks=pytest.mark.deep) for step in (2, 5))]
+)
 def test_a_kill_in_the_middle_is_made_up_for_at_the_next_opening(tmp_path: Path, step: int) -> None:
-    command = [
-        sys.executable,
-        "-c",
-        _DIE,
-        str(tmp_path / "kb"),
-        str(step),
-        str(Path(__file__).parent),
-    ]
-    assert subprocess.run(command, check=False).returncode == 9
+    died = run_program(_DIE, str(tmp_path / "kb"), str(step), str(Path(__file__).parent))
+    assert died.returncode == 9, died.stderr
     with (
         rtask.open(tmp_path / "kb", ontologies=False) as kb,
         rtask.open(":memory:", ontologies=False, base=kb.base) as whole,

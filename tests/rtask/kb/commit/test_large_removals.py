@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import random
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.replacement import ReplacementError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import BlankNode, Quad, iri, literal
+from tests.commands import run_program
 
 _BELOW = iri("http://www.w3.org/2000/01/rdf-schema#subClassOf")
 _TYPE = iri("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
@@ -197,8 +196,8 @@ def test_a_kill_in_the_middle_is_made_up_for_at_the_next_opening(
     tmp_path: Path, moment: str, action: str
 ) -> None:
     here = str(Path(__file__).parent)
-    command = [sys.executable, "-c", _DIE, str(tmp_path), moment, here, action]
-    assert subprocess.run(command, check=False).returncode == 9
+    died = run_program(_DIE, str(tmp_path), moment, here, action)
+    assert died.returncode == 9, died.stderr
     with _open(tmp_path) as kb:
         assert kb.seq == 4
         assert _content(kb) == _replayed(tmp_path)

@@ -124,7 +124,9 @@ def _commit(kb: KnowledgeBase, rng: random.Random) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.deep) for seed in (1, 2))]
+)
 def test_no_sequence_of_reads_tells_late_from_early(tmp_path: Path, seed: int) -> None:
     rng = random.Random(seed)
     folder = tmp_path / "kb"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,6 +20,7 @@ from rtask.kb.durability.published import hold_newest
 from rtask.kb.store import replacement
 from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.writes import Writes
+from tests.commands import run_program, start_command
 
 WRITER = """
 import sys, rtask
@@ -63,12 +64,13 @@ class Writer:
     """A process that has a folder open for writing."""
 
     def __init__(self, folder: Path) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", WRITER, str(folder)],
+        self.process = start_command(
+            WRITER,
+            str(folder),
+            module="tests.program",
             stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+            stderr=subprocess.DEVNULL,
+        )  # fmt: skip
         assert self._line() == "open"
 
     def _line(self) -> str:
@@ -84,7 +86,12 @@ class Writer:
 
     def end(self) -> None:
         """End the process, closing the folder."""
-        self.process.communicate(timeout=60)
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        with contextlib.suppress(BrokenPipeError):  # it was killed
+            self.process.stdin.close()
+        self.process.wait(60)
+        self.process.stdout.close()
 
 
 @contextmanager
@@ -269,8 +276,7 @@ def test_what_a_killed_reader_left_is_removed_by_the_next(tmp_path: Path) -> Non
     folder = tmp_path / "kb"
     die = "import os, rtask, sys; rtask.open(sys.argv[1], mode='r').match('urn:x'); os._exit(9)"
     with writing(folder):
-        command = [sys.executable, "-c", die, str(folder)]
-        assert subprocess.run(command, check=False).returncode == 9
+        assert run_program(die, str(folder)).returncode == 9
         left = set((folder / "followers").iterdir())
         assert len(left) == 1
         with rtask.open(folder, mode="r"):

@@ -24,6 +24,7 @@ from rtask.kb.store.apply import apply
 from rtask.kb.store.embedded import LARGE
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import BlankNode, iri
+from tests.commands import run_program
 
 _KILLS = Path(__file__).parents[3] / "benchmarks" / "kb" / "stress_kills.py"
 
@@ -33,17 +34,18 @@ def _bare(path: Path, **options: object) -> KnowledgeBase:
 
 
 @pytest.mark.slow
-def test_twenty_kills_lose_nothing_acknowledged_and_tear_nothing() -> None:
+@pytest.mark.parametrize("kills", [6, pytest.param(20, marks=pytest.mark.deep)])
+def test_kills_lose_nothing_acknowledged_and_tear_nothing(kills: int) -> None:
     """The short form of the stress test; its 200 kills take a minute."""
     done = subprocess.run(
-        [sys.executable, str(_KILLS), "--kills", "20", "--seed", "7"],
+        [sys.executable, str(_KILLS), "--kills", str(kills), "--seed", "7"],
         capture_output=True,
         text=True,
         timeout=200,
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    outcomes = re.search(r"20 kills, none lost or torn: (\d+) outcomes", done.stdout)
+    outcomes = re.search(rf"{kills} kills, none lost or torn: (\d+) outcomes", done.stdout)
     assert outcomes is not None, done.stdout
     assert int(outcomes[1]) > 0
 
@@ -69,7 +71,7 @@ with kb.transaction() as tx:
 @pytest.mark.slow
 @pytest.mark.parametrize("moment", ["before", "between"])
 def test_a_large_change_killed_between_its_steps_is_completed(tmp_path: Path, moment: str) -> None:
-    done = subprocess.run([sys.executable, "-c", _HALF, str(tmp_path), moment], check=False)
+    done = run_program(_HALF, str(tmp_path), moment)
     assert done.returncode == 9
     with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
         assert kb.seq == 2

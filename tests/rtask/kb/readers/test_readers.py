@@ -7,7 +7,6 @@ import os
 import random
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -24,6 +23,7 @@ from rtask.errors import (
 from rtask.kb.readers.request import ReaderLimits
 from rtask.knowledge_base import KnowledgeBase
 from rtask.sparql.results import Solutions
+from tests.commands import start_command
 from tests.rtask.kb.numbered_things import fill
 from tests.rtask.kb.processes import is_alive, wait_until
 
@@ -101,8 +101,8 @@ def test_closing_ends_every_process_and_every_query(memory: KnowledgeBase) -> No
 
 
 def test_readers_do_not_outlive_a_killed_owner() -> None:
-    script = str(Path(__file__).with_name("reader_owner.py"))
-    owner = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE)
+    script = Path(__file__).with_name("reader_owner.py").read_text("utf-8")
+    owner = start_command(script, module="tests.program", stderr=subprocess.DEVNULL)
     assert owner.stdout is not None
     with owner.stdout:
         processes = list(map(int, owner.stdout.readline().split()))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import rtask
-from rtask.errors import ForbiddenError, QuerySyntaxError, UsageError
+from rtask.errors import ForbiddenError, QuerySyntaxError, TooLargeError, UsageError
 from rtask.kb.commit.commit import Request
 from rtask.kb.search.text import words_of
 from rtask.knowledge_base import KnowledgeBase
@@ -234,3 +234,20 @@ def test_near_agrees_with_a_comparison_of_all_distances(kb: KnowledgeBase) -> No
             if sum((a - b) ** 2 for a, b in zip(point, centre, strict=True)) ** 0.5 <= radius
         }
         assert {place.pose.value for place in kb.near("urn:f", centre, radius)} == wanted
+
+
+def test_no_hit_of_the_text_service_is_left_out_in_silence(
+    kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cut list would make counts too small, and things that match would be said not to."""
+    asked = _P + "ASK {{ SERVICE <urn:rtask:text> {{ {} rt:matches 'red' {} }} }}"
+    for name in ("<urn:cup>", "<urn:mug>"):  # one of them is the second best
+        assert kb.query(asked.format(name, "; rt:limit 1")) is True
+    monkeypatch.setattr("rtask.sparql.service.MAX_HITS", 1)
+    assert kb.query(asked.format("<urn:mug>", "")) is True
+    count = "SELECT (COUNT(*) AS ?n) { SERVICE <urn:rtask:text> { ?s rt:matches 'red' %s } }"
+    with pytest.raises(TooLargeError, match="more than 1 hits"):
+        kb.query(_P + count % "")
+    with pytest.raises(QuerySyntaxError, match="at most 1"):
+        kb.query(_P + count % "; rt:limit 2")
+    assert kb.select(_P + count % "; rt:limit 1")[0].value("n") == 1
