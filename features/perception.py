@@ -112,6 +112,7 @@ def perceive(
     frame: Frame,
     base_from_camera: NDArray[np.float64],
     ignored: Sequence[Ignored] = (),
+    body: NDArray[np.bool_] | None = None,
 ) -> Perceived:
     """Find the table and the objects on it; what shows one upright face alone is left out.
 
@@ -123,6 +124,8 @@ def perceive(
         Pose of the optical frame, from the robot's own joint angles.
     ignored
         Regions whose segments are left out.
+    body : (h, w) bool or None
+        Pixels of the robot's own body and of what is fixed to it, which are no object.
 
     Raises
     ------
@@ -132,7 +135,7 @@ def perceive(
     if frame.rgb is None:
         raise ValueError("perceive needs a frame with colour")
     down = base_from_camera[:3, :3].T @ np.array([0.0, 0.0, -1.0])
-    scene = segment_scene(frame.points(), frame.rgb, gravity=down)
+    scene = segment_scene(frame.points(), frame.rgb, gravity=down, body=body)
     if scene.plane is None:
         return Perceived(scene.status, float("nan"), ())
     on_plane = -scene.plane.offset * np.asarray(scene.plane.normal, dtype=np.float64)

@@ -23,7 +23,7 @@ from features.imaging.pairing import Pairing
 from features.imaging.photo import Photo
 from features.imaging.topics import Topic, plan_topics, sensor_of
 
-__all__ = ["first_view", "message_mapping", "transforms_near", "views_of"]
+__all__ = ["first_view", "message_mapping", "robot_description", "transforms_near", "views_of"]
 
 _log = logging.getLogger(__name__)
 
@@ -128,6 +128,27 @@ def transforms_near(
                 for stamped in message.transforms
             ):
                 yield message, is_static
+
+
+def robot_description(path: Path) -> str:
+    """Return the model of the robot (URDF) in a recording; empty if it holds none.
+
+    Of several, that of the first topic by name, which the first robot has.
+
+    Raises
+    ------
+    CloudFormatError
+        When it is no recording.
+    """
+    with _reading(path) as reader:
+        models = [
+            each for each in reader.connections
+            if each.topic.rpartition("/")[2] == "robot_description"
+            and each.msgtype == "std_msgs/msg/String"
+        ]  # fmt: skip
+        for connection in sorted(models, key=lambda each: str(each.topic)):
+            return str(_first_message(reader, connection).get("data", ""))
+    return ""
 
 
 def _seconds(stamp: Any) -> float:

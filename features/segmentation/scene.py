@@ -85,6 +85,7 @@ def segment_scene(
     params: SegmentParams | None = None,
     gravity: NDArray[np.floating[Any]] | None = None,
     viewpoints: NDArray[np.floating[Any]] | None = None,
+    body: NDArray[np.bool_] | None = None,
 ) -> Scene:
     """Find the table and the objects on it.
 
@@ -98,6 +99,9 @@ def segment_scene(
         Direction in which things fall, in the optical frame; give it where it is known.
     viewpoints : (n, 3) float or None, m
         Camera from which each point was measured, in the frame of the points; None = the origin.
+    body : same leading shape, bool, or None
+        Points of the robot's own body, which stand on the table but are no object. What of them
+        lies in the plane of the table is table.
 
     Raises
     ------
@@ -129,6 +133,8 @@ def segment_scene(
         objects = _objects(clean, whole.labels, None)
         return Scene("no_table", None, None, whole.labels, objects, whole.timings_ms)
     params = params or SegmentParams.for_distance(plane.offset)
+    if body is not None:
+        clean = _without_body(clean, plane, body, params.height_min_m)
     prism = table_prism(clean, plane, params.height_min_m, params.height_max_m)
     if params.overhang_m > 0:
         heights = params.height_min_m, params.height_max_m
@@ -162,6 +168,18 @@ def _without_strays(
     clean = points.copy()
     clean.reshape(-1, 3)[strays] = np.nan
     return clean
+
+
+def _without_body(
+    points: NDArray[np.floating[Any]], plane: Plane, body: NDArray[np.bool_], height_m: float
+) -> NDArray[np.floating[Any]]:
+    """Return the points, those of the robot's body that do not lie in the plane as NaN."""
+    flat = points.reshape(-1, 3)
+    own = np.flatnonzero(body)
+    heights = plane.heights(flat[own])
+    clean = flat.copy()
+    clean[own[np.abs(heights) > height_m]] = np.nan
+    return clean.reshape(points.shape)
 
 
 def _join_standing(

@@ -21,24 +21,31 @@ class CameraTopics(NewestView[JsonObject]):
     ``~/depth_compressed`` and ``~/image_compressed`` are the same as
     ``sensor_msgs/CompressedImage``. A view is read as its part of a request to
     ``rtask/Segmentation/perceive``.
+
+    Parameters
+    ----------
+    is_reliable
+        Hear clouds and images reliably: none of a publisher that is reliable as well gets lost,
+        and others are not heard.
     """
 
-    def __init__(self, node: Any, group: Any) -> None:
+    def __init__(self, node: Any, group: Any, is_reliable: bool = False) -> None:
         from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 
         super().__init__()
         self._node = node
+        views = sensor_data(is_reliable=is_reliable)
         self.subscriptions = [
             node.create_subscription(kind, f"~/{name}", take, qos, callback_group=group)
             for name, kind, take, qos in (
-                ("points", PointCloud2, self.take_cloud, sensor_data()),
+                ("points", PointCloud2, self.take_cloud, views),
                 ("camera_info", CameraInfo, self.take_info, sensor_data()),
                 # One that was published once, before this node: its publisher is transient local.
                 ("camera_info", CameraInfo, self.take_info, latched()),
-                ("depth", Image, self.take_depth, sensor_data()),
-                ("depth_compressed", CompressedImage, self.take_depth, sensor_data()),
-                ("image", Image, self.take_colour, sensor_data()),
-                ("image_compressed", CompressedImage, self.take_colour, sensor_data()),
+                ("depth", Image, self.take_depth, views),
+                ("depth_compressed", CompressedImage, self.take_depth, views),
+                ("image", Image, self.take_colour, views),
+                ("image_compressed", CompressedImage, self.take_colour, views),
             )
         ]
 

@@ -16,6 +16,7 @@ from rtask.interop.ros.convert import fill, make_message
 from rtask.interop.ros.looking import SeeOptions
 from rtask.interop.ros.operations import OperationHandler, best_grasp
 from rtask.interop.ros.schema import REFUSED
+from rtask.ros2.body import RobotBody
 from rtask.ros2.camera import CameraTopics
 from rtask.ros2.contract import Contract
 from rtask.ros2.qos import events, latched
@@ -34,6 +35,7 @@ PARAMETERS: dict[str, tuple[Any, str]] = {
     "gripper_id": ("", "name or IRI of the end effector, for goals that name none"),
     "table_height": (math.nan, "height of the table in that frame, m; NaN: as seen"),
     "min_confidence": (math.nan, "least confidence to count as recognised; NaN: by the policy"),
+    "reliable_views": (False, "hear clouds and images reliably; best-effort cameras are not heard"),
     "use_planning_scene": (True, "keep grasps clear of what MoveIt's planning scene holds"),
     "hand_links": ([""], "links of the hand in MoveIt's scene, which may touch what it grasps"),
     "grasp_target": ("", "name or IRI of the object that grasps are sampled for; empty: the only"),
@@ -294,7 +296,7 @@ class _Parts:
         ]
         self._transforms = TransformBuffer()
         options = owner.see_options()
-        self._camera = CameraTopics(node, sensors)
+        self._camera = CameraTopics(node, sensors, bool(node.get_parameter("reliable_views").value))
         self._subscriptions = [
             *self._camera.subscriptions,
             node.create_subscription(
@@ -308,7 +310,9 @@ class _Parts:
                 callback_group=poses,
             ),
         ]
-        eyes = Eyes(self._camera, self._transforms, self.client, options.frame)
+        body = RobotBody(node, poses)
+        self._subscriptions.append(body.subscription)
+        eyes = Eyes(self._camera, self._transforms, self.client, options.frame, body)
         self._services.append(SegmentService(node, eyes, calls, self._is_active).service)
         self._scene = self._scene_client(calls)
         self._see = SeeAction(

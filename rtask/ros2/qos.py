@@ -7,13 +7,18 @@ from typing import Any
 __all__ = ["events", "latched", "sensor_data"]
 
 
-def sensor_data() -> Any:
-    """Return best effort, keeping the last five: it matches every publisher of a sensor."""
+def sensor_data(*, is_reliable: bool = False) -> Any:
+    """Return best effort, keeping the last five: it matches every publisher of a sensor.
+
+    What is reliable does not hear a publisher with best effort, but loses nothing of the others.
+    """
     from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 
     return QoSProfile(
         depth=5,
-        reliability=QoSReliabilityPolicy.BEST_EFFORT,
+        reliability=QoSReliabilityPolicy.RELIABLE
+        if is_reliable
+        else QoSReliabilityPolicy.BEST_EFFORT,
         durability=QoSDurabilityPolicy.VOLATILE,
     )
 

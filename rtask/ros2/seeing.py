@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import queue
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +22,7 @@ from rtask.interop.ros.scene.source import SceneSource
 from rtask.interop.ros.schema import REFUSED
 from rtask.interop.ros.showing import markers
 from rtask.interop.ros.views.newest import Sight
+from rtask.ros2.body import RobotBody
 from rtask.ros2.camera import CameraTopics
 from rtask.ros2.clouds import cloud_json, cloud_of_rows
 from rtask.ros2.qos import latched
@@ -37,10 +39,12 @@ class Eyes:
     """Views of the robot's camera, posed by TF, which the server cuts into objects."""
 
     def __init__(
-        self, camera: CameraTopics, transforms: TransformBuffer, client: HeldClient, frame: str
-    ) -> None:
+        self, camera: CameraTopics, transforms: TransformBuffer, client: HeldClient, frame: str,
+        body: RobotBody,
+    ) -> None:  # fmt: skip
         self.frame = frame
         self._camera, self._transforms, self._client = camera, transforms, client
+        self._body = body
 
     def look(self, since: Any) -> Look:
         """Return what the camera sees that is not older than a time.
@@ -54,13 +58,18 @@ class Eyes:
         answer, pose = self.perceive(sight)
         return Look.from_json(answer, sight.header.stamp, pose)
 
-    def frames_at(self, stamp: Any) -> Callable[[str], NDArray[np.float64]]:
-        """Return what looks up the pose (4, 4) of a frame at a time, in the frame of the robot."""
+    def frames_at(self, stamp: Any, wait_s: float = 0.5) -> Callable[[str], NDArray[np.float64]]:
+        """Return what looks up the pose (4, 4) of a frame at a time, in the frame of the robot.
+
+        It waits for transforms ``wait_s`` in all.
+        """
+        ends = time.monotonic() + wait_s
 
         def lookup(frame: str) -> NDArray[np.float64]:
             if frame == self.frame.lstrip("/"):
                 return np.eye(4)
-            return np.array(self._transforms.lookup(self.frame, frame, stamp).as_matrix())
+            left_s = max(ends - time.monotonic(), 0.0)
+            return np.array(self._transforms.lookup(self.frame, frame, stamp, left_s).as_matrix())
 
         return lookup
 
@@ -69,6 +78,9 @@ class Eyes:
         header = sight.header
         pose = self._transforms.lookup(self.frame, header.frame_id, header.stamp).as_pose()
         request = {"sensor_pose": pose, **options, **sight.read()}
+        body = self._body.placed(self.frames_at(header.stamp), self.frame)
+        if body:
+            request["body"] = body
         return self._client.read_method(*_PERCEPTION, request), pose
 
 

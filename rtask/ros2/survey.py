@@ -17,6 +17,7 @@ from typing import Any
 __all__ = ["survey"]
 
 _NAME, _TOPIC = "rtask_doctor", "/rtask_doctor"
+_CLOUD = "sensor_msgs/msg/PointCloud2"
 _OURS = "/rtask/where_is"
 _ANSWER_S, _HEARD_S = 5.0, 10.0
 
@@ -74,7 +75,7 @@ def _offers(node: Any, name: str, space: str) -> bool:
 
 
 def _about(node: Any, spin: Callable[[float], None], name: str, space: str) -> dict[str, Any]:
-    """Return what one of RTASK's nodes says of itself, and who publishes what it subscribes to."""
+    """Return what one of RTASK's nodes says of itself, and who publishes views for it."""
     from lifecycle_msgs.srv import GetState
     from rcl_interfaces.srv import GetParameters
 
@@ -88,8 +89,33 @@ def _about(node: Any, spin: Callable[[float], None], name: str, space: str) -> d
                      if "/rtask/" in service and "/_action/" not in service],
         "use_sim_time": values.values[0].bool_value if values is not None else None,
         "state": state.current_state.label if state is not None else None,
-        "publishers": {topic: node.count_publishers(topic) for topic, _ in heard},
+        "publishers": {
+            topic: node.count_publishers(topic)
+            for topic, kinds in heard
+            if any(kind.startswith("sensor_msgs/") for kind in kinds)
+        },
+        "lossy": [
+            {"topic": topic, "is_reliable": is_reliable}
+            for topic, kinds in heard
+            if _CLOUD in kinds
+            for is_reliable in _lossy(node, full, topic)
+        ],
     }  # fmt: skip
+
+
+def _lossy(node: Any, name: str, topic: str) -> list[bool]:
+    """Return whether the publishers of a topic are reliable; empty if the node hears it so."""
+    from rclpy.qos import QoSReliabilityPolicy as Policy
+
+    subscriptions = [
+        each.qos_profile.reliability
+        for each in node.get_subscriptions_info_by_topic(topic)
+        if _full(each.node_name, each.node_namespace) == name
+    ]
+    publishers = [each.qos_profile.reliability for each in node.get_publishers_info_by_topic(topic)]
+    if not publishers or not subscriptions or Policy.RELIABLE in subscriptions:
+        return []
+    return [all(policy == Policy.RELIABLE for policy in publishers)]
 
 
 def _ask(node: Any, spin: Callable[[float], None], name: str, kind: Any, **fields: Any) -> Any:

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from rtask.errors import RobotError
 from simulate.act.request import ActRequest
 from simulate.act.service import plan_goal
 from simulate.grasping.executor import Workcell
 from simulate.grasping.rules import PlannedGrasp
+from simulate.motion.collision import Obstacle, PointField
 
 __all__ = ["plan_reach"]
 
 
 def plan_reach(
-    cell: Workcell, position: tuple[float, float, float], theta: float, seed: int
+    cell: Workcell,
+    position: tuple[float, float, float],
+    theta: float,
+    seed: int,
+    obstacles: Sequence[Obstacle | PointField] = (),
 ) -> PlannedGrasp:
-    """Plan to reach a position over an empty table from the arm's home posture.
+    """Plan to reach a position over a table from the arm's home posture.
 
     Parameters
     ----------
@@ -28,6 +34,8 @@ def plan_reach(
         Closing direction about +z, rad; others are tried if it is out of reach.
     seed
         Of the plan.
+    obstacles
+        What stands around, base frame.
 
     Raises
     ------
@@ -38,7 +46,7 @@ def plan_reach(
     turn = {"x": 0.0, "y": 0.0, "z": math.sin(theta / 2), "w": math.cos(theta / 2)}
     goal = {"position": {"x": x, "y": y, "z": z}, "orientation": turn}
     request = ActRequest.read({"goal_pose": goal}, cell.description)
-    plan = plan_goal(cell, request, seed)
+    plan = plan_goal(cell, request, seed, obstacles)
     if isinstance(plan, str):
         unknown = (
             ""

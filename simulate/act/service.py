@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from simulate.grasping.attempt.run import AttemptRun
 from simulate.grasping.executor import Workcell
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import GraspRequest, PlannedGrasp
+from simulate.motion.collision import Obstacle, PointField
 
 __all__ = ["ActService", "imagined", "plan_goal", "theta_offsets"]
 
@@ -163,8 +164,18 @@ def theta_offsets(step: float, attempts: int) -> Iterator[float]:
         yield offsets[attempt % len(offsets)]
 
 
-def plan_goal(cell: Workcell, request: ActRequest, seed: int) -> PlannedGrasp | str:
+def plan_goal(
+    cell: Workcell,
+    request: ActRequest,
+    seed: int,
+    obstacles: Sequence[Obstacle | PointField] = (),
+) -> PlannedGrasp | str:
     """Plan the motion to a goal pose, trying other values of theta if it is out of reach.
+
+    Parameters
+    ----------
+    obstacles
+        What stands around, base frame; none for an empty table.
 
     Returns
     -------
@@ -196,7 +207,7 @@ def plan_goal(cell: Workcell, request: ActRequest, seed: int) -> PlannedGrasp | 
         if attempt and executor.planning_work > limit:
             return "timed_out"
         planned = executor.plan(
-            replace(goal_request, theta=goal_request.theta + offset), seed=seed + attempt
+            replace(goal_request, theta=goal_request.theta + offset), obstacles, seed + attempt
         )
         if not isinstance(planned, str):
             return planned

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from simulate.drivers.contract import JointLimits
     from simulate.drivers.following import FollowingArm
     from simulate.drivers.naoqi import NaoqiArm
+    from simulate.grasping.executor import Workcell
+    from simulate.motion.collision import Obstacle, PointField
     from simulate.robots.description import Arm
 
 __all__ = ["reach"]
@@ -82,7 +84,8 @@ def reach(
 ) -> None:
     """Plan to reach X Y Z (m, base frame) and move a real arm there.
 
-    Plans from the arm's home posture over an empty table. Refuses to move an arm that is not at
+    Plans from the arm's home posture over an empty table; with --ros2 it keeps clear of MoveIt's
+    planning scene, if get_planning_scene is offered. Refuses to move an arm that is not at
     home, unless --home finds a free path there, and an arm that moves, is outside its limits or
     whose joint states are old or incomplete. Motions keep the velocity, acceleration and jerk of
     --limits, or the maker's where they are known, else cautious ones, which is said. They are sent
@@ -110,8 +113,11 @@ def reach(
     from simulate.grasping.executor import Workcell
     from simulate.motion.motion_limits import MotionLimits, read_joint_limits
 
-    with Workcell(robot, "fast") as cell:
-        plan = plan_reach(cell, (x, y, z), theta, seed)
+    say = partial(click.echo, err=True)
+    with Workcell(robot, "fast") as cell, contextlib.ExitStack() as opened:
+        node = opened.enter_context(ros2_node("rtask_reach", ros_args)) if ros2 else None
+        around = _around(node, cell, (x, y, z), say)
+        plan = plan_reach(cell, (x, y, z), theta, seed, around)
         arm = cell.description.arm(plan.arm)
         limits = JointLimits.of(cell.description, arm.joints)
         given = read_joint_limits(limits_file) if limits_file is not None else None
@@ -119,29 +125,26 @@ def reach(
         if motion.assumed:
             click.echo(motion.assumed, err=True)
         report: dict[str, Any] = {"arm": plan.arm, "held": None, "evidence": ""}
-        with contextlib.ExitStack() as opened:
-            named = action or f"/{arm.name}_controller/follow_joint_trajectory"
-            say = partial(click.echo, err=True)
-            if naoqi is not None:
-                driver: FollowingArm = opened.enter_context(_naoqi(naoqi, arm, limits))
-            elif ros2:
-                node = opened.enter_context(ros2_node("rtask_reach", ros_args))
-                driver = RclpyArm(node, named, arm.joints, joints, limits=limits, say=say)
-            else:
-                bridged = RosbridgeArm(
-                    str(rosbridge), named, arm.joints, joints, os.environ.get("RTASK_TOKEN"),
-                    limits=limits, ros=1 if ros == "1" else 2, say=say,
-                )  # fmt: skip
-                driver = opened.enter_context(bridged)
-            slow = SlowedArm(driver, motion, horizon)
-            if home_first:
-                motions.bring_home(slow, cell, plan.arm, seed)
-            if grasp:
-                judged = motions.grasp(slow, plan, cell)
-                report |= {"held": judged.is_yes, "evidence": judged.evidence}
-            else:
-                motions.reach(slow, plan, back)
-            report["is_home"] = back or grasp
+        named = action or f"/{arm.name}_controller/follow_joint_trajectory"
+        if naoqi is not None:
+            driver: FollowingArm = opened.enter_context(_naoqi(naoqi, arm, limits))
+        elif ros2:
+            driver = RclpyArm(node, named, arm.joints, joints, limits=limits, say=say)
+        else:
+            bridged = RosbridgeArm(
+                str(rosbridge), named, arm.joints, joints, os.environ.get("RTASK_TOKEN"),
+                limits=limits, ros=1 if ros == "1" else 2, say=say,
+            )  # fmt: skip
+            driver = opened.enter_context(bridged)
+        slow = SlowedArm(driver, motion, horizon)
+        if home_first:
+            motions.bring_home(slow, cell, plan.arm, seed, around)
+        if grasp:
+            judged = motions.grasp(slow, plan, cell)
+            report |= {"held": judged.is_yes, "evidence": judged.evidence}
+        else:
+            motions.reach(slow, plan, back)
+        report["is_home"] = back or grasp
     if as_json:
         print_json(report)
     elif grasp:
@@ -151,6 +154,23 @@ def reach(
         click.echo(f"{plan.arm} is {place}")
     if report["held"] is False:
         raise SystemExit(1)
+
+
+def _around(
+    node: Any | None,
+    cell: Workcell,
+    goal: tuple[float, float, float],
+    say: Callable[[str], None],
+) -> list[Obstacle | PointField]:
+    """Return what MoveIt's planning scene says to stand around; nothing where there is none."""
+    from simulate.drivers.scene import obstacles_of, scene_of
+
+    scene = scene_of(node, cell.description.base_frame) if node is not None else None
+    if scene is None:
+        return []
+    around = obstacles_of(scene, cell.world.table_height, goal, say)
+    say(f"keeping clear of {len(around)} obstacles of MoveIt's planning scene")
+    return around
 
 
 @contextlib.contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +12,7 @@ from rtask.errors import RobotError
 from simulate.grasping.executor import Workcell
 from simulate.grasping.judgement import CLOSED_ON_SOMETHING, Judgement, judge_held
 from simulate.grasping.rules import PlannedGrasp
+from simulate.motion.collision import Obstacle, PointField
 from simulate.motion.trajectory import Trajectory, join, reverse
 from simulate.robots.description import Floats
 
@@ -107,7 +108,13 @@ def _tool_height(driver: ArmDriver, plan: PlannedGrasp, cell: Workcell) -> float
     return float(chain.tool_poses(driver.measured()[None])[1][0, 2])
 
 
-def bring_home(driver: ArmDriver, cell: Workcell, arm: str, seed: int) -> float:
+def bring_home(
+    driver: ArmDriver,
+    cell: Workcell,
+    arm: str,
+    seed: int,
+    obstacles: Sequence[Obstacle | PointField] = (),
+) -> float:
     """Move an arm home along a path that is free of the table and the robot; return its seconds.
 
     Parameters
@@ -120,6 +127,8 @@ def bring_home(driver: ArmDriver, cell: Workcell, arm: str, seed: int) -> float:
         Name of the arm.
     seed
         Of the path.
+    obstacles
+        What else stands around, base frame.
 
     Raises
     ------
@@ -131,7 +140,7 @@ def bring_home(driver: ArmDriver, cell: Workcell, arm: str, seed: int) -> float:
     start = driver.measured()
     if np.abs(start - home).max() <= _AT_HOME_RAD:
         return 0.0
-    around = space.surroundings(arm, cell.world.table_height, ())
+    around = space.surroundings(arm, cell.world.table_height, obstacles)
     way = space.path(arm, space.spheres(arm, 1.0), around, start, home, seed)
     if isinstance(way, str):
         raise RobotError(

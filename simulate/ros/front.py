@@ -59,6 +59,9 @@ class Front(Protocol):
     def publisher(self, topic: str, type_: str, *, is_latched: bool = False) -> Publisher:
         """Return a publisher of messages such as ``sensor_msgs/Image``."""
 
+    def describe(self, urdf: str) -> None:
+        """Tell the model of the robot, as ``robot_description``."""
+
     def stamp(self, seconds: float | None) -> Any:
         """Return a time as messages carry it, s; None = now, by the clock of the wall."""
 

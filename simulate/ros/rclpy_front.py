@@ -60,6 +60,12 @@ class RclpyFront:
         """Return a publisher; reliable, which subscribers of sensors hear as well."""
         return _Topic(self._node, topic, type_, is_latched)
 
+    def describe(self, urdf: str) -> None:
+        """Publish the model, latched."""
+        message = make_message("std_msgs/String")
+        message.data = urdf
+        self.publisher("robot_description", "std_msgs/String", is_latched=True).publish(message)
+
     def stamp(self, seconds: float | None) -> Any:
         """Return a time."""
         nanoseconds = (

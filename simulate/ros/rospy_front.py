@@ -38,6 +38,12 @@ class RospyFront:
         """Return a publisher."""
         return _Topic(topic, type_, is_latched)
 
+    def describe(self, urdf: str) -> None:
+        """Set the parameter that holds the model."""
+        import rospy
+
+        rospy.set_param("robot_description", urdf)
+
     def stamp(self, seconds: float | None) -> Any:
         """Return a time."""
         import rospy

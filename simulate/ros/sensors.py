@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -14,6 +14,8 @@ from grasp.messages import pose_message
 from rtask.interop.ros.clouds import cloud_message
 from rtask.interop.ros.convert import bytes_like, fill, make_message
 from simulate.motion.collision import link_poses
+from simulate.robots.description import Inertial, Joint, Link, Pose, RobotDescription, Shape
+from simulate.robots.urdf import urdf_text
 from simulate.ros.front import Front
 from simulate.world.camera import Camera, Lighting
 from simulate.world.noise import SensorNoise
@@ -22,6 +24,7 @@ from simulate.world.robot_body import RobotBody
 __all__ = ["Rates", "Sensors"]
 
 _JPEG_QUALITY = 90
+_BIN = Inertial(0.2, (0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3))
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,7 @@ class Sensors:
             info.publish(self._camera_info())
         self._fixed = front.publisher("/tf_static", "tf2_msgs/TFMessage", is_latched=True)
         self._fixed.publish(_transforms(self._fixed_transforms()))
+        front.describe(urdf_text(self._with_bins(), frames=True))
 
     def now(self) -> Any:
         """Return the time with which to stamp: simulated if the clock is published."""
@@ -180,8 +184,23 @@ class Sensors:
             setattr(info, name if hasattr(info, name) else name.upper(), values)
         return info
 
+    def _with_bins(self) -> RobotDescription:
+        """Return the model of the robot with its own bins, which stand where it does."""
+        robot = self._robot.description
+        world_from_root = self._robot.world_from_base @ robot.base_from_root.matrix
+        root_from_world = np.asarray(np.linalg.inv(world_from_root), np.float64)
+        links, joints = list(robot.links), list(robot.joints)
+        for box in self._robot.world.place_boxes.values():
+            name = f"{box.side}_bin"
+            shapes = [Shape("box", size, Pose(centre)) for centre, size in box.walls()]
+            links.append(Link(name, _BIN, tuple(shapes)))
+            joints.append(
+                Joint(f"{name}_fixed", robot.root, name, Pose.of(root_from_world), kind="fixed")
+            )
+        return replace(robot, links=tuple(links), joints=tuple(joints))
+
     def _fixed_transforms(self) -> list[Any]:
-        robot, stamp = self._robot.description, self.now()
+        robot, stamp = self._with_bins(), self.now()
         fixed = [(robot.base_frame, robot.root, robot.base_from_root.matrix)]
         fixed += [
             (joint.parent, joint.child, joint.pose.matrix)

@@ -17,12 +17,12 @@ _OTHERS = "a system of others, in a survey"
 
 ENTRIES = (
     _none("fig", "1.1", "1.1", "robots and the cloud", why="an illustration"),
-    _ours("experiment", "collective-learning", "1.2",
-          "sharing of trajectories, control policies and outcomes",
-          why="outcomes, and the belief in each grasp that follows from them, are shared by all "
-          "robots (beyond-lessons); the joints of an attempt are stored with it and exported, but "
-          "no robot is offered the trajectory of another, and no control policy is stored: "
-          "docs/recordings.md"),
+    _shown("experiment", "collective-learning", "1.2",
+           "sharing of trajectories, control policies and outcomes", run="shared_policy:policies",
+           why="a robot finds the policy of another by its environment, uses it and goes on "
+           "learning; outcomes, and the belief in each grasp that follows from them, are shared by "
+           "all robots (beyond-lessons); the joints of an attempt are stored with it and exported, "
+           "but no robot is offered the trajectory of another: docs/recordings.md"),
     *(
         _none("fig", f"2.{number}", section, shows, why=_OTHERS)
         for number, section, shows in (

@@ -38,11 +38,14 @@ class Posed:
     base
         Name of a frame of the robot with z up.
     base_from_camera : (4, 4), m
+    body : (h, w) bool or None
+        Pixels of the robot itself, by its model in the recording; None without one.
     """
 
     view: Frame
     base: str
     base_from_camera: NDArray[np.float64]
+    body: NDArray[np.bool_] | None = None
 
 
 def posed_view(
@@ -79,8 +82,9 @@ def posed_view(
     for base in (view.frame,) if view.frame else _BASES:
         pose = transforms.find(base, frame.frame_id, stamp_ns)
         if not isinstance(pose, str):
-            matrix = matrix_from_pose(np.array(pose.move), np.array(pose.turn))
-            return Posed(frame, base, np.asarray(matrix, np.float64))
+            matrix = np.asarray(matrix_from_pose(np.array(pose.move), np.array(pose.turn)))
+            body = _body(file, frame, base, matrix, transforms, stamp_ns)
+            return Posed(frame, base, matrix, body)
         reasons.append(f"{base}: {pose}")
     if view.frame:
         raise UsageError(f"{file}: no way from {frame.frame_id!r} to --frame {reasons[0]}")
@@ -101,6 +105,46 @@ def _coloured(seen: Frame | Cloud | Photo) -> Frame | None:
 
     view = frame_of_grid(seen) if isinstance(seen, Cloud) else seen
     return view if isinstance(view, Frame) and view.rgb is not None else None
+
+
+def _body(
+    file: Path,
+    frame: Frame,
+    base: str,
+    base_from_camera: NDArray[np.float64],
+    transforms: TransformBuffer,
+    stamp_ns: int,
+) -> NDArray[np.bool_] | None:
+    """Return the pixels of the robot itself; what of it cannot be used is said in a line."""
+    import numpy as np
+
+    from features.imaging.recordings import robot_description
+    from rtask.interop.ros.body import RobotModel, body_of_json, body_pixels
+
+    urdf = robot_description(file)
+    if not urdf:
+        return None
+
+    def lookup(link: str) -> NDArray[np.float64]:
+        pose = transforms.find(base, link, stamp_ns)
+        if isinstance(pose, str):
+            raise UsageError(pose)
+        return np.array(pose.as_matrix())
+
+    try:
+        model = RobotModel(urdf)
+    except UsageError as error:
+        click.echo(f"{file}: {error}; parts of the robot may be taken for objects", err=True)
+        return None
+    shapes, unplaced = model.placed(lookup, base)
+    notes = model.notes
+    if unplaced:
+        notes = [*notes, f"its transforms do not say where {', '.join(unplaced)} are"]
+    for note in notes:
+        click.echo(f"{file}: {note}; they may be taken for objects", err=True)
+    if not shapes:
+        return None
+    return body_pixels(frame.points(), base_from_camera, body_of_json(shapes))
 
 
 def _transforms_at(file: Path, stamp_s: float) -> tuple[TransformBuffer, int]:

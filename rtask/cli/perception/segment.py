@@ -79,7 +79,7 @@ def segment(
                 scene, table_height = cut(seen, preset, min_points), None
             else:
                 scene, table_height = cut_in_base(
-                    posed.view, posed.base_from_camera, min_points or 1
+                    posed.view, posed.base_from_camera, min_points or 1, posed.body
                 )
     except DataError as error:
         raise DataError(

@@ -129,7 +129,7 @@ def _in_frame(
     if posed is None:
         scene = cut(frame, preset)
     else:
-        scene, _ = cut_in_base(posed.view, posed.base_from_camera)
+        scene, _ = cut_in_base(posed.view, posed.base_from_camera, body=posed.body)
     return [(segment.label, frame.crop(scene.labels == segment.label)) for segment in scene.objects]
 
 

@@ -120,7 +120,7 @@ def _serve(ros_node: RosNode, schema: Schema, client: Client, options: SeeOption
 
     best = BestGrasps()
     OperationServices(schema, client, best.heard)
-    eyes = Eyes(options.frame)
+    eyes = Eyes(options.frame, str(rospy.get_param("robot_description", "")))
     SegmentService(eyes)
     scene = None
     if _parameter("use_planning_scene", bool) is not False:

@@ -17,6 +17,7 @@ from rtask.ros2 import survey as survey_program
 __all__ = ["examine_graph", "take_survey"]
 
 _STARTS_S = 40.0
+_RMEM_MAX, _BUFFER = Path("/proc/sys/net/core/rmem_max"), 4 * 2**20
 _Survey = dict[str, Any]
 
 
@@ -80,6 +81,7 @@ def examine_graph(report: _Survey) -> Iterator[Finding]:
     for node in report["ours"]:
         yield _state(node)
         yield _camera(node)
+        yield from (_lossy(node["name"], each, report["rmw"]) for each in node["lossy"])
         yield _clock(node, report["clocks"])
     for pair in report["mismatches"]:
         is_ours = bool(names & {pair["publisher"], pair["subscriber"]})
@@ -121,9 +123,7 @@ def _state(node: _Survey) -> Finding:
 
 def _camera(node: _Survey) -> Finding:
     """Look whether anybody publishes a view for a node: clouds, or depth."""
-    topics = node["publishers"]
-    # After remapping a topic may have any name: all that are no part of the transforms count.
-    camera = {name: count for name, count in topics.items() if not _is_of_ros(name)}
+    camera = node["publishers"]
     heard = sorted(name for name, count in camera.items() if count)
     if heard:
         return Finding("camera", "ok", f"published for {node['name']}: {', '.join(heard)}")
@@ -133,8 +133,33 @@ def _camera(node: _Survey) -> Finding:
     )  # fmt: skip
 
 
-def _is_of_ros(topic: str) -> bool:
-    return topic in ("/tf", "/tf_static", "/clock", "/parameter_events")
+def _lossy(node: str, heard: _Survey, rmw: str) -> Finding:
+    """Say that large clouds may get lost on their way, and what keeps them."""
+    if heard["is_reliable"]:
+        mend = f"start {node} with --ros-args -p reliable_views:=true; the camera is reliable"
+    elif "fastrtps" in rmw:
+        mend = (
+            "let the camera be reliable, or a profile of Fast DDS give SHM a segment_size of 32 MB"
+        )
+    elif "cyclone" in rmw:
+        mend = (
+            "let the camera be reliable, or CYCLONEDDS_URI ask for SocketReceiveBufferSize "
+            f"min=4MB; {_buffers()}"
+        )
+    else:
+        mend = f"let the camera be reliable; {_buffers()}"
+    words = f"{node} hears clouds of {heard['topic']} by best effort: large ones may get lost"
+    return Finding("clouds", "note", words, mend)
+
+
+def _buffers() -> str:
+    try:
+        largest = int(_RMEM_MAX.read_text("ascii"))
+    except (OSError, ValueError):
+        return "sysctl net.core.rmem_max limits what can be asked for"
+    if largest >= _BUFFER:
+        return f"net.core.rmem_max allows it with {largest}"
+    return f"sudo sysctl -w net.core.rmem_max={_BUFFER} first, which is {largest}"
 
 
 def _clock(node: _Survey, publishers: int) -> Finding:

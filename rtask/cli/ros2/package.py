@@ -23,8 +23,8 @@ __all__ = ["DEPENDENCIES", "PROVIDED", "package", "source_modules", "write_packa
 NAME = "rtask_ros2"
 DEPENDENCIES = ("numpy", "websockets>=15")
 PROVIDED = (
-    "moveit_msgs", "rcl_interfaces", "rclpy", "rtask_msgs", "sensor_msgs", "tf2_msgs",
-    "visualization_msgs",
+    "moveit_msgs", "rcl_interfaces", "rclpy", "rtask_msgs", "sensor_msgs", "std_msgs",
+    "tf2_msgs", "visualization_msgs",
 )  # fmt: skip
 """Packages of the ROS 2 environment that the node imports, or makes messages of."""
 _ROOT = Path(__file__).parents[2]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -31,11 +32,14 @@ from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES, PROV, RT
 from rtask.rdf.terms import iri, literal
 from rtask.scratch import ScratchFolder
+from rtask.sparql.results import Row
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
 
-__all__ = ["Resumed", "Saved", "experience", "keep_learner", "resume_learner"]
+__all__ = [
+    "Resumed", "Saved", "Training", "adopt_policy", "experience", "keep_learner", "resume_learner",
+]  # fmt: skip
 
 log = logging.getLogger(__name__)
 
@@ -52,10 +56,19 @@ class Saved(Protocol):
 
 @dataclass(frozen=True)
 class Resumed:
-    """Result of loading a learner's state."""
+    """Result of loading a learner's state.
+
+    Parameters
+    ----------
+    note
+        Why others were not loaded.
+    snapshot
+        IRI of what was loaded.
+    """
 
     done: bool
     note: str = ""
+    snapshot: str = ""
 
 
 def experience(context: Context) -> list[Transition]:
@@ -112,8 +125,30 @@ def _states(context: Context) -> dict[str, NDArray[np.float64]]:
     return {object_iri: components.state(view).features for object_iri, view in views.items()}
 
 
+@dataclass(frozen=True)
+class Training:
+    """What a learner learned in, and how far it came.
+
+    Parameters
+    ----------
+    environment
+        Name and version.
+    episodes, mean_return
+        How many, and the mean undiscounted return of the latest ones.
+    """
+
+    environment: str
+    episodes: int
+    mean_return: float
+
+
 def keep_learner(
-    context: Context, learner: Saved, name: str, agent: str | None = None, steps: int | None = None
+    context: Context,
+    learner: Saved,
+    name: str,
+    agent: str | None = None,
+    steps: int | None = None,
+    training: Training | None = None,
 ) -> str:
     """Store a learner's state in the graph, replacing the one of this name and agent.
 
@@ -125,6 +160,8 @@ def keep_learner(
         Owner of the graph that keeps it; None = the shared graph.
     steps
         Number of learned steps.
+    training
+        Told with it, so that other robots find a policy for their environment.
 
     Returns
     -------
@@ -144,6 +181,9 @@ def keep_learner(
             RT.name: name,
             RT.algorithm: type(learner).__name__,
             RT.stepCount: steps,
+            RT.learntIn: training.environment if training else None,
+            RT.episodeCount: training.episodes if training else None,
+            RT.meanReturn: training.mean_return if training else None,
             RT.hasBlob: triples.blob(blob),
             RT.atTime: stamp(dt.datetime.now(dt.UTC)),
             PROV.wasAttributedTo: context.agent_iri(author) if agent else None,
@@ -164,13 +204,34 @@ def resume_learner(context: Context, learner: Saved, name: str) -> Resumed:
     A state of another version, or with other states or actions, is not loaded; the note says why,
     and :func:`experience` allows learning from scratch.
     """
-    kind = type(learner).__name__
     rows = context.kb.select(f"""{PREFIXES}
 SELECT ?snapshot ?blob ?kind ?time WHERE {{
   ?snapshot a rt:LearnerSnapshot ; rt:name {literal(name)} ; rt:algorithm ?kind ;
     rt:hasBlob ?blob ; rt:atTime ?time
 }} ORDER BY DESC(?time) DESC(?snapshot)""")
-    notes = []
+    return _first_that_fits(context, learner, rows, f"no learner {name!r} is stored")
+
+
+def adopt_policy(context: Context, learner: Saved, environment: str) -> Resumed:
+    """Load the policy of the robot that came farthest in an environment.
+
+    As with :func:`resume_learner`, what does not fit is not loaded, and the note says why.
+
+    What was withdrawn is not found, and the owner's policy stays as it is: whoever goes on learning
+    keeps the result under its own name.
+    """
+    rows = context.kb.select(f"""{PREFIXES}
+SELECT ?snapshot ?blob ?kind ?return WHERE {{
+  ?snapshot a rt:LearnerSnapshot ; rt:learntIn {literal(environment)} ; rt:algorithm ?kind ;
+    rt:hasBlob ?blob ; rt:meanReturn ?return
+}} ORDER BY DESC(?return) ?snapshot""")
+    return _first_that_fits(context, learner, rows, f"no policy for {environment!r} is stored")
+
+
+def _first_that_fits(
+    context: Context, learner: Saved, rows: Iterable[Row], otherwise: str
+) -> Resumed:
+    kind, notes = type(learner).__name__, list[str]()
     for row in rows:
         where = str(row.value("snapshot"))
         if str(row.value("kind")) != kind:
@@ -185,7 +246,7 @@ SELECT ?snapshot ?blob ?kind ?time WHERE {{
         except (MissingBlobError, ValueError) as error:
             notes.append(f"{where}: {error}")
             continue
-        return Resumed(True, "; ".join(notes))
-    note = "; ".join(notes) or f"no learner {name!r} is stored"
-    log.info("%s: %s", name, note)
+        return Resumed(True, "; ".join(notes), where)
+    note = "; ".join(notes) or otherwise
+    log.info("%s", note)
     return Resumed(False, note)

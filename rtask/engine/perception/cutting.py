@@ -83,7 +83,10 @@ def _params(preset: str) -> SegmentParams | None:
 
 
 def cut_in_base(
-    frame: Frame, base_from_camera: NDArray[np.float64], min_points: int = 1
+    frame: Frame,
+    base_from_camera: NDArray[np.float64],
+    min_points: int = 1,
+    body: NDArray[np.bool_] | None = None,
 ) -> tuple[Scene, float]:
     """Segment a view as robots and nodes of ROS do that know where their camera is.
 
@@ -95,6 +98,8 @@ def cut_in_base(
         Pose of the optical frame in a frame of the robot with z up.
     min_points
         Smaller objects are left out.
+    body : (h, w) bool or None
+        Pixels of the robot's own body.
 
     Returns
     -------
@@ -110,7 +115,7 @@ def cut_in_base(
     from features.segmentation import Scene
 
     try:
-        seen = perceive(frame, base_from_camera)
+        seen = perceive(frame, base_from_camera, body=body)
     except ValueError as error:
         raise DataError(str(error)) from error
     if not seen.objects:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from features.geometry import Frame
 from features.perception import Perceived, perceive
 from rtask.errors import DataError, RtaskError
+from rtask.interop.ros.body import RobotModel, body_of_json, body_pixels
 from rtask.interop.ros.clouds import cloud_message, frame_of
 from rtask.interop.ros.convert import fill, make_message
 from rtask.interop.ros.looking import Look, SeeOptions, SeeRun
@@ -58,10 +59,19 @@ class View:
 
 
 class Eyes:
-    """Views of the robot's camera: the newest one, posed by TF, cut into objects."""
+    """Views of the robot's camera: the newest one, posed by TF, cut into objects.
 
-    def __init__(self, frame: str) -> None:
+    Parameters
+    ----------
+    frame
+        Of the robot, with z up.
+    urdf
+        Model of the robot, whose parts are no objects; empty if it is not known.
+    """
+
+    def __init__(self, frame: str, urdf: str = "") -> None:
         self.frame = frame
+        self._model = RobotModel(urdf) if urdf else None
         self.camera = CameraTopics()
         self.transforms = Transforms()
 
@@ -90,8 +100,13 @@ class Eyes:
         stamp, camera = sight.header.stamp, sight.header.frame_id
         base_from_camera = self.transforms.lookup(self.frame, camera, stamp)
         frame = sight.read()
+        shapes, _ = (
+            self._model.placed(self.frames_at(stamp), self.frame) if self._model else ([], [])
+        )
+        solids = body_of_json(shapes)
+        body = body_pixels(frame.points(), base_from_camera, solids) if solids else None
         try:
-            return View(stamp, base_from_camera, perceive(frame, base_from_camera))
+            return View(stamp, base_from_camera, perceive(frame, base_from_camera, body=body))
         except ValueError as error:
             raise DataError(f"the view in {camera}: {error}; is its depth in m?") from error
 

@@ -1492,8 +1492,16 @@ class LearnerSnapshot(InformationEntity):
     ----------
     algorithm
         The name and version of the learner.
+    episode_count
+        The number of episodes learnt so far. [NUM]
     learnt_from
         An experience that the learner has taken in.
+    learnt_in
+        The name and version of the environment in which the learner acted; another robot can
+        use the policy in the same one.
+    mean_return
+        The mean undiscounted sum of the rewards of an episode, over the latest episodes of
+        the training. [UNITLESS]
     step_count
         The number of steps learnt so far. [NUM]
     """
@@ -1502,7 +1510,10 @@ class LearnerSnapshot(InformationEntity):
     __required__: ClassVar[tuple[str, ...]] = ("algorithm", "has_blob",)
 
     algorithm: One[str] = One(_RT + "algorithm", _XSD + "string", functional=True)
+    episode_count: One[int] = One(_RT + "episodeCount", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
     learnt_from: Links[Experience] = Links(_RT + "learntFrom", _RT + "Experience")
+    learnt_in: One[str] = One(_RT + "learntIn", _XSD + "string", functional=True)
+    mean_return: One[float] = One(_RT + "meanReturn", _XSD + "double", functional=True, unit="UNITLESS")
     step_count: One[int] = One(_RT + "stepCount", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
 
 
@@ -1621,6 +1632,16 @@ class Observation(Process, SosaObservation, Activity):
     __required__: ClassVar[tuple[str, ...]] = ("made_by_sensor", "result_time",)
 
     entropy_change: One[float] = One(_RT + "entropyChange", _XSD + "double", functional=True, unit="UNITLESS")
+
+
+class OutOfOrder(Object):
+    """A robot or an end effector that cannot be used now: its arm does not move, its fingers do not
+    close. With a robot all its end effectors are. Whoever mends it withdraws the statement.
+
+    ``rt:OutOfOrder``
+    """
+
+    __iri__: ClassVar[str] = _RT + "OutOfOrder"
 
 
 class Outcome(InformationEntity):
@@ -1981,6 +2002,16 @@ class ServiceMethod(InformationEntity):
     is_idempotent: One[bool] = One(_RT + "isIdempotent", _XSD + "boolean", functional=True)
     method_name: One[str] = One(_RT + "methodName", _XSD + "string", functional=True)
     method_of: Link[Service] = Link(_RT + "methodOf", _RT + "Service", functional=True, inverse=_RT + "hasMethod", stored=False)
+
+
+class Shut(Object):
+    """A place that nothing can be taken from or put into now, as its door or lid is closed. Whoever
+    opens it withdraws the statement.
+
+    ``rt:Shut``
+    """
+
+    __iri__: ClassVar[str] = _RT + "Shut"
 
 
 class StateProjection(InformationEntity):

@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Ge, Len
 
 from rtask.engine.perception.cutting import cut, cut_together, refuse_doubtful
-from rtask.errors import DataError, ServiceError
+from rtask.errors import DataError, ServiceError, UsageError
 from rtask.services.service import Service, method, startup
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Array, Bytes, Cloud, Flag, Json, Pose, Unit, Whole
@@ -239,6 +239,7 @@ class Segmentation(Service):
         camera_info: Json | None = None,
         is_rectified: Flag = False,
         points: Flag = False,
+        body: list[Json] | None = None,
     ) -> PerceivedView:
         """Find the table and the objects on it in the frame of the robot, as a node of ROS does.
 
@@ -254,14 +255,24 @@ class Segmentation(Service):
             Whether depth and image were rectified before they were published.
         points
             Answer with the points of each object.
+        body
+            Shapes of the robot itself, whose points are no object: kind (box, sphere or cylinder),
+            size (m; sides, radius, or height and radius) and pose, 16 numbers of a matrix, row by
+            row, in the frame of the robot.
         """
         from features.perception import perceive
+        from rtask.interop.ros.body import body_of_json, body_pixels
         from rtask.interop.ros.clouds import cloud_rows
         from rtask.interop.ros.perceived import look_of, points_of
 
         view = _view(cloud, depth, image, camera_info, is_rectified)
         try:
-            seen = perceive(view, sensor_pose)
+            solids = body_of_json(body or [])
+        except UsageError as error:
+            raise ServiceError(f"body: {error}", field="body") from error
+        own = body_pixels(view.points(), sensor_pose, solids) if solids else None
+        try:
+            seen = perceive(view, sensor_pose, body=own)
         except ValueError as error:
             raise ServiceError(f"cloud: {error}", field="cloud") from error
         if not seen.objects:

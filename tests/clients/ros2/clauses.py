@@ -254,6 +254,34 @@ def _(shell):
     assert "no transform" in answer.refused
 
 
+@clause("what robot_description and TF say to be the robot is no object")
+def _(shell):
+    from geometry_msgs.msg import TransformStamped
+    from rtask_msgs.srv import SegmentCloud
+    from std_msgs.msg import String
+    from tf2_msgs.msg import TFMessage
+
+    cloud, place = shell.view.cloud(220.0), {"x": 0.27, "y": 0.09, "z": 0.31}
+    made = TransformStamped(child_frame_id="bin")
+    made.header.frame_id = "base_footprint"
+    set_fields(made.transform.translation, place)
+    shell.robot.publish("/tf_static", TFMessage(transforms=[made]), latched())
+
+    def count(model):
+        shell.robot.publish(f"{NAMESPACE}/robot_description", String(data=model), latched())
+        answer = shell.robot.call(
+            "rtask/segment", SegmentCloud, lambda request: setattr(request, "cloud", cloud)
+        )
+        assert (answer.refused, answer.status) == ("", "ok")
+        return len(answer.segments)
+
+    box = "<geometry><box size='0.05 0.07 0.08'/></geometry>"
+    part = f"<link name='bin'><collision>{box}</collision></link>"
+    # Services and topics are not in one order: the model may come after the cloud.
+    shell.wait_for(lambda: count(f"<robot name='r'>{part}</robot>") == 1, "one object")
+    shell.wait_for(lambda: count("<robot name='r'/>") == 2, "two objects")
+
+
 @clause("parameters are declared with their meaning; the token is none of them")
 def _(shell):
     from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
@@ -327,11 +355,14 @@ def _(shell):
             seconds += 1
             clock.publish(set_fields(Clock(), {"clock": time_fields(seconds)}))
 
-    threading.Thread(target=tick, daemon=True).start()
+    ticking = threading.Thread(target=tick, daemon=True)
+    ticking.start()
     try:
         shell.start_node(ros=("-p", "use_sim_time:=true"), namespace="/sim").end()
     finally:
         ended.set()
+        ticking.join()
+        shell.robot.node.destroy_publisher(clock)
 
 
 @clause("rtask ros2 doctor names the node and finds nothing of it broken; hashes agree")

@@ -78,7 +78,7 @@ def main():
             except Exception as error:  # noqa: BLE001 - the other clauses are run all the same
                 failed, state = failed + 1, "FAILED"
                 note = (
-                    f"{error!r:.300} at line {traceback.extract_tb(error.__traceback__)[1].lineno}"
+                    f"{error!r:.3000} at line {traceback.extract_tb(error.__traceback__)[1].lineno}"
                 )
             note = f" ({note})" if note else ""
             print(f"{state:<8}{words}{note} [{time.monotonic() - began:.1f} s]", flush=True)

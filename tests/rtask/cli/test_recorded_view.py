@@ -17,7 +17,7 @@ from rtask.cli.perception.scene_file import View
 from rtask.cli.perception.segment import segment
 from rtask.cli.perception.selecting import Selection, objects_in
 from rtask.errors import UsageError
-from tests.rtask.interop.ros.scene import BASE_FROM_CAMERA, INTRINSICS, view
+from tests.rtask.interop.ros.scene import BASE_FROM_CAMERA, INTRINSICS, urdf_of, view
 
 pytest.importorskip("rosbags")
 
@@ -28,7 +28,9 @@ LIFT = np.array([0.0, 0.0, 0.4])
 """From base_link to where it stands in base_footprint, m."""
 
 
-def record(folder: Path, *transforms: tuple[str, str, np.ndarray, int, bool]) -> Path:
+def record(
+    folder: Path, *transforms: tuple[str, str, np.ndarray, int, bool], urdf: str = ""
+) -> Path:
     """Write a view and transforms (parent, child, pose, ns after the view, static) as MCAP."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -67,6 +69,8 @@ def record(folder: Path, *transforms: tuple[str, str, np.ndarray, int, bool]) ->
         )  # fmt: skip
         topic = "/tf_static" if is_static else "/tf"
         messages.append((topic, types["tf2_msgs/msg/TFMessage"]([stamped])))
+    if urdf:
+        messages.append(("/nao1/robot_description", types["std_msgs/msg/String"](urdf)))
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         made: dict[str, object] = {}
         # Recorded by a clock that is years behind that of the headers, as of a simulated robot.
@@ -134,6 +138,20 @@ def test_the_crops_of_a_recording_are_those_of_the_live_view(tmp_path):
     assert len(crops) == 2
     for (_, crop), each in zip(crops, seen.objects, strict=True):
         assert encode_frame(crop) == encode_frame(each.crop)
+
+
+def test_what_belongs_to_the_robot_is_no_object(tmp_path):
+    """One of the two boxes is a part of the model; a part that TF does not place is named."""
+    at = ("base_link", "camera_optical", link_from_camera(), 0, True)
+    part = ("base_link", "bin", moved(np.eye(4), 0.27, 0.09, 0.31 - LIFT[2]), 0, True)
+    file = record(tmp_path / "rec", at, part, STANDS, urdf=urdf_of("bin", "wrist"))
+    done = run(file, "--json")
+    assert len(json.loads(done.stdout)["objects"]) == 1
+    assert "its transforms do not say where wrist are" in done.stderr
+    broken = record(tmp_path / "broken", at, part, STANDS, urdf="<robot")
+    done = run(broken, "--json")
+    assert len(json.loads(done.stdout)["objects"]) == 2
+    assert "robot_description is no XML" in done.stderr
 
 
 def test_without_tf_places_are_in_the_frame_of_the_camera(tmp_path):

@@ -31,7 +31,7 @@ pytest.importorskip("rosbags")
 SIGNATURES = Path(__file__).with_name("rclpy_signatures.txt")
 NODE = {
     "name": "/nao1/rtask_node", "services": ["/nao1/rtask/where_is"], "use_sim_time": False,
-    "state": "active", "publishers": {"/tf": 1, "/camera/points": 1},
+    "state": "active", "publishers": {"/camera/points": 1}, "lossy": [],
 }  # fmt: skip
 SURVEY = {
     "python": "3.12.1", "rmw": "rmw_fastrtps_cpp", "rclpy": "7.1.6", "heard": True,
@@ -161,7 +161,8 @@ MISMATCH = {"topic": "/camera/points", "publisher": "/camera", "subscriber": NOD
         ({}, {"state": None}, "rtask node", "note", "does not say its state"),
         ({}, {"use_sim_time": True}, "clock", "broken", "nobody publishes /clock"),
         ({"clocks": 1}, {}, "clock", "note", "has the machine's clock"),
-        ({}, {"publishers": {"/tf": 1, "/points": 0}}, "camera", "note", "nobody"),
+        ({}, {"publishers": {"/points": 0}}, "camera", "note", "nobody"),
+        ({}, {"lossy": [{"topic": "/p", "is_reliable": True}]}, "clouds", "note", "/p by best"),
         ({"mismatches": [MISMATCH]}, {}, "qos", "broken", "on /camera/points: reliability"),
         ({"mismatches": [{**MISMATCH, "subscriber": "/x"}]}, {}, "qos", "note", "/x does not"),
     ],
@@ -197,7 +198,8 @@ class GraphOfTwo:
     def get_subscriber_names_and_types_by_node(
         self, node_name: str, node_namespace: str
     ) -> list[Any]:
-        return [("/points", [])]
+        planning = ("/monitored_planning_scene", ["moveit_msgs/msg/PlanningScene"])
+        return [("/points", ["sensor_msgs/msg/PointCloud2"]), planning]
 
     def get_topic_names_and_types(self) -> list[Any]:
         return [("/points", [])]
@@ -240,21 +242,26 @@ class GraphOfTwo:
 
 def end(name: str, reliable: bool, type_: str = "PointCloud2", version: int = 0) -> Any:
     return types.SimpleNamespace(
-        node_name=name, node_namespace="/", topic_type=type_, qos_profile=reliable,
+        node_name=name, node_namespace="/", topic_type=type_,
+        qos_profile=types.SimpleNamespace(reliability=reliable),
         topic_type_hash=types.SimpleNamespace(version=version),
     )  # fmt: skip
 
 
 @pytest.fixture
 def _ros(monkeypatch: pytest.MonkeyPatch) -> None:
-    def check(publisher: bool, subscription: bool) -> tuple[str, str]:
-        return ("error", "Best effort publisher;") if subscription > publisher else ("ok", "")
+    def check(publisher: Any, subscription: Any) -> tuple[str, str]:
+        is_heard = publisher.reliability >= subscription.reliability
+        return ("ok", "") if is_heard else ("error", "Best effort publisher;")
 
     record = types.SimpleNamespace
     state = record(ERROR="error", OK="ok")
     request = record(Request=record)
     modules = {
-        "rclpy": {}, "rclpy.qos": {"QoSCompatibility": state, "qos_check_compatible": check},
+        "rclpy": {}, "rclpy.qos": {
+            "QoSCompatibility": state, "qos_check_compatible": check,
+            "QoSReliabilityPolicy": record(RELIABLE=True),
+        },
         "std_msgs": {}, "std_msgs.msg": {"String": record},
         "lifecycle_msgs": {}, "lifecycle_msgs.srv": {"GetState": request},
         "rcl_interfaces": {}, "rcl_interfaces.srv": {"GetParameters": request},
@@ -361,3 +368,37 @@ def test_the_command_ends_with_1_where_something_must_be_mended(prefix, tmp_path
     assert "/nao1/rtask_node is active" in found["rtask node"]["detail"]
     code, found = run("http://127.0.0.1:1")
     assert (code, found["server"]["state"]) == (1, "broken")
+
+
+@pytest.mark.usefixtures("_ros")
+@pytest.mark.parametrize(
+    ("published", "heard", "expected"),
+    [(True, False, [True]), (False, False, [False]), (True, True, [])],
+)
+def test_a_survey_tells_by_what_quality_clouds_are_heard(published, heard, expected):
+    hears = end("rtask_node", heard)
+    hears.node_namespace = "/nao1"
+    graph = GraphOfTwo([end("camera", published)], [hears])
+    [node] = survey_module.survey(graph, lambda for_s: None, 0.0)["ours"]
+    assert node["lossy"] == [{"topic": "/points", "is_reliable": each} for each in expected]
+
+
+@pytest.mark.parametrize(
+    ("rmw", "is_reliable", "largest", "words"),
+    [
+        ("rmw_fastrtps_cpp", True, "1", "-p reliable_views:=true"),
+        ("rmw_fastrtps_cpp", False, "1", "segment_size of 32 MB"),
+        ("rmw_cyclonedds_cpp", False, "212992", "sysctl -w net.core.rmem_max=4194304 first"),
+        ("rmw_cyclonedds_cpp", False, "4194304", "min=4MB; net.core.rmem_max allows it"),
+        ("rmw_zenoh_cpp", False, "", "sysctl net.core.rmem_max limits"),
+    ],
+)  # fmt: skip
+def test_clouds_that_may_get_lost_are_named_with_the_remedy(
+    tmp_path, monkeypatch, rmw, is_reliable, largest, words
+):
+    file = tmp_path / "rmem_max"
+    file.write_text(largest)
+    monkeypatch.setattr("rtask.cli.ros2.graph._RMEM_MAX", file)
+    node = {**NODE, "lossy": [{"topic": "/p", "is_reliable": is_reliable}]}
+    found = {each.name: each for each in examine_graph({**SURVEY, "rmw": rmw, "ours": [node]})}
+    assert words in found["clouds"].mend

@@ -64,6 +64,7 @@ class SceneObstacles:
         Poses of frames at that time.
     ours
         Names of objects that the node put into the scene itself: what it sees now counts instead.
+        None where nothing is seen: then all of them count.
 
     Raises
     ------
@@ -76,7 +77,7 @@ class SceneObstacles:
         scene: SceneState,
         lookup: FrameLookup,
         hand: HandRules,
-        ours: Collection[str] = (),
+        ours: Collection[str] | None = (),
     ) -> None:
         faults = [f"{name}: {words}" for name, words in scene.faults.items()]
         self.notes: list[str] = []
@@ -106,16 +107,22 @@ class SceneObstacles:
     def __len__(self) -> int:
         return len(self._solids)
 
+    def solids(self) -> Iterator[tuple[str, Solid, Floats]]:
+        """Yield the name of each object, one of its shapes, and robot_from_shape (4, 4)."""
+        yield from self._solids
+
     def _balls(self) -> Iterator[tuple[str, Floats, tuple[Floats, float]]]:
         for name, solid, pose in self._solids:
             yield name, pose, solid.ball()
 
     def _standing(
-        self, scene: SceneState, hand: HandRules, ours: Collection[str]
+        self, scene: SceneState, hand: HandRules, ours: Collection[str] | None
     ) -> Iterator[SceneObject]:
         """Yield what the hand must not touch; note what it holds."""
         for each in scene.objects.values():
-            is_ours = each.id in ours or each.source == OURS or each.id.startswith(f"{OURS}/")
+            is_ours = ours is not None and (
+                each.id in ours or each.source == OURS or each.id.startswith(f"{OURS}/")
+            )
             if not is_ours and not hand.may_touch(each, scene.matrix):
                 yield each
         for each in scene.attached.values():

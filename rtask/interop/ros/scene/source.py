@@ -58,7 +58,7 @@ class SceneSource:
             return self._heard if self._is_heard else None
 
     def obstacles(
-        self, scene: SceneState | None, lookup: FrameLookup, ours: Collection[str]
+        self, scene: SceneState | None, lookup: FrameLookup, ours: Collection[str] | None
     ) -> SceneObstacles | None:
         """Return what of a scene stands in the way; None without a scene.
 

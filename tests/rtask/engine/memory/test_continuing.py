@@ -18,7 +18,13 @@ from grasp.learning.bandit import Policy as Bandit
 from grasp.learning.environments.discretise import Bins
 from rtask.client.outbox import Outbox
 from rtask.engine import Engine, Policy
-from rtask.engine.memory.learners import experience, keep_learner, resume_learner
+from rtask.engine.memory.learners import (
+    Training,
+    adopt_policy,
+    experience,
+    keep_learner,
+    resume_learner,
+)
 from rtask.errors import UnknownTermError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES
@@ -233,6 +239,26 @@ def test_a_learner_goes_on_from_its_state_in_the_graph(folder):
         assert [second.act(step.state) for step in experience(engine.context)] == acts
         keep_learner(engine.context, second, "quadrants", "nao-1")
         assert len(kb.match(rtask.rdf.terms.iri(node), rtask.rdf.namespaces.RT.algorithm)) == 1
+
+
+def test_another_robot_adopts_the_best_policy_for_its_environment():
+    with rtask.open(":memory:", reason=False) as kb, Engine(kb) as engine:
+        for number, (robot, place, reached) in enumerate(
+            (("nao-1", "lab", -30.0), ("nao-2", "lab", -20.0), ("nao-3", "hall", -1.0))
+        ):
+            taught = learner()
+            taught.values = np.full_like(taught.values, 1.0 + number)
+            keep_learner(engine.context, taught, "p", robot, 9, Training(place, 3, reached))
+        second = learner(seed=5)
+        told = adopt_policy(engine.context, second, "lab")
+        assert told.done
+        assert told.snapshot.endswith("nao-2-p")
+        assert (second.values == 2.0).all()
+        withdrawn = {"contributor": "nao-2", "operator": "keeper"}
+        engine.call("withdraw_contributor", withdrawn, Access("keeper", "teacher"))
+        assert adopt_policy(engine.context, second, "lab").snapshot.endswith("nao-1-p")
+        told = adopt_policy(engine.context, second, "street")
+        assert (told.done, told.note) == (False, "no policy for 'street' is stored")
 
 
 def test_a_state_of_an_older_version_is_left_alone_with_a_note(folder):

@@ -34,3 +34,10 @@ def view() -> Frame:
         i, j, k = (cell[..., n].astype(int) for n in range(3))
         rgb[hit], depth[hit] = print_[i, j, k][hit], enters[hit]
     return Frame(depth.astype(np.float32), INTRINSICS, rgb=rgb, frame_id="camera_optical")
+
+
+def urdf_of(*links: str, size: str = "0.05 0.07 0.08") -> str:
+    """Return a model with a box, as large as the first of the view, in each of some links."""
+    shape = f'<collision><geometry><box size="{size}"/></geometry></collision>'
+    parts = "".join(f"<link name='{name}'>{shape}</link>" for name in links)
+    return f"<robot name='r'>{parts}</robot>"
