@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pyoxigraph import Literal, NamedNode, Quad
@@ -19,6 +19,7 @@ from reasoner.facts.relations import Facts
 from reasoner.fixpoint.maintenance import State
 from reasoner.terms.dictionary import Dictionary
 from rtask import opening
+from rtask.kb.commit.commit import Change
 from rtask.kb.durability.folder import open_in_memory
 from rtask.kb.durability.settings import Settings
 from rtask.kb.store.embedded import EmbeddedStore
@@ -45,12 +46,15 @@ class _Original:
         The statements of the inferred graph, of which only the graph names it.
     own
         All others.
+    change
+        The commit that wrote the ontology, as the feed remembers it.
     """
 
     shared: list[Quad]
     inferred: list[TripleKey]
     own: list[Quad]
     closure: Any
+    change: Change
 
 
 @functools.cache
@@ -68,7 +72,8 @@ def _original(reason: bool, validate: str) -> _Original:
                 (own if _BASE in str(quad) else shared).append(quad)
         assert not [triple for triple in inferred if _BASE in "".join(map(str, triple))]
         closure = kb._inference.closure() if kb._inference is not None else None
-        return _Original(shared, inferred, own, closure)
+        (change,) = kb.feed.changes(0, 1)
+        return _Original(shared, inferred, own, closure, change)
     finally:
         kb.close()
 
@@ -84,6 +89,16 @@ def _moved(quad: Quad, base: str) -> Quad:
         return term
 
     return Quad(*map(move, (quad.subject, quad.predicate, quad.object, quad.graph_name)))
+
+
+def _moved_change(change: Change, base: str) -> Change:
+    """Return the commit that wrote the ontology, without what it derived."""
+    activity = change.commit.activity
+    if activity is not None:
+        activity = NamedNode(activity.value.replace(_BASE, base))
+    added = tuple(_moved(quad, base) if _BASE in str(quad) else quad for quad in change.added)
+    commit = replace(change.commit, activity=activity)
+    return replace(change, commit=commit, added=added, inferred_added=())
 
 
 def _copied_terms(terms: Dictionary) -> Dictionary:
@@ -131,6 +146,9 @@ def open_copied(files: Any, options: Any) -> Any:
     kb = _open_as_usual(files, options)
     if kb._inference is not None:
         kb._inference._closure = _copied(original.closure)
+    # The first commit can be read again, as it can where it was made.
+    kb.feed._oldest = 1
+    kb.feed._remember(_moved_change(original.change, base))
     return kb
 
 

@@ -62,7 +62,7 @@ def test_a_full_disk_leaves_reading_and_names_the_place(
     _make(folder)
     _fill(small_disk)
     with ExitStack() as stack:
-        kb = _opened("", folder, False, "os")
+        kb = _opened("", folder, False, "os", None)
         assert isinstance(kb, KnowledgeBase)
         stack.enter_context(kb)
         assert f"0.0 MB are free at {folder}" in capsys.readouterr().err
