@@ -65,10 +65,11 @@ def _done(events: list[Event]) -> list[Event]:
 def _before(seq: int) -> list[Event]:
     """Return what the last commits before the log began tell."""
     kb = embedded_graph()
-    since = max(0, (seq or kb.seq + 1) - 1 - PAST_COMMITS)
+    # Where so few commits are kept, those: what they tell is no less true.
+    since = max(0, (seq or kb.seq + 1) - 1 - PAST_COMMITS, kb.feed.oldest_retained() - 1)
     try:
         events = past_events(context(), f"{kb.epoch}:{since}", MAX_ROWS)
-    except GoneError:  # so few are kept
+    except GoneError:  # a commit has just been dropped
         return []
     return [event for event in events if not seq or event.seq < seq]
 

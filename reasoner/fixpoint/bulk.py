@@ -301,11 +301,9 @@ class Bulk:
 
     def _permitted(self, keys: Keys) -> Keys:
         """Return the pairs that a shared value of a key may make one."""
-        members, may_merge = self._equality.members, self._ownership.may_merge
+        equality, may_merge = self._equality, self._ownership.may_merge
         pairs = zip(arrays.upper(keys).tolist(), arrays.lower(keys).tolist(), strict=True)
-        permitted: Keys = keys[
-            np.array([may_merge(members(a), members(b)) for a, b in pairs], bool)
-        ]
+        permitted: Keys = keys[np.array([may_merge(equality, a, b) for a, b in pairs], bool)]
         return permitted
 
     def _absorb(self, pending: dict[int, list[Keys]]) -> dict[int, Column]:
@@ -345,8 +343,7 @@ class Bulk:
             if self._work is not None:
                 members = self._equality.members
                 self._work.count(len(members(a)) + len(members(b)))
-            owners, members = self._ownership.owners, self._equality.members
-            if owners(members(a)) != owners(members(b)):
+            if self._ownership.join(self._equality, winner, loser):
                 self._widened.add(winner)
             self._equality.union(winner, loser)
             losers.add(loser)

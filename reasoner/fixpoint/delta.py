@@ -143,8 +143,8 @@ class Derivation:
         """Return the conclusions of a rule, of a key only those that its values can tell."""
         if not heads or not self._ownership.asks(rule):
             return heads
-        members, may_merge = self.equality.members, self._ownership.may_merge
-        return [(s, p, o) for s, p, o in heads if may_merge(members(s), members(o))]
+        equality, may_merge = self.equality, self._ownership.may_merge
+        return [(s, p, o) for s, p, o in heads if may_merge(equality, s, o)]
 
     def trigger(self, stratum: Stratum, facts: Iterable[Fact]) -> None:
         """Fire a stratum's rules on facts of lower strata that were added."""
@@ -213,9 +213,7 @@ class Derivation:
         work = self.layer.work
         if work is not None:
             work.count(len(self.equality.members(a)) + len(self.equality.members(b)))
-        if self._ownership.owners(self.equality.members(a)) != self._ownership.owners(
-            self.equality.members(b)
-        ):
+        if self._ownership.join(self.equality, winner, loser):
             # With more owners, keys may tell more of what was known.
             self._queue += self.layer.about(winner)
         self.equality.union(winner, loser)

@@ -196,6 +196,7 @@ class Maintainer:
         layer = Layer(Facts())
         layer.work = self.work(len(asserted.facts) + len(asserted.added))
         equality = Equality()
+        self.ownership.forget()
         derivation = self._derivation(layer, equality, asserted, self.max_facts(before, asserted))
         # Before the schema is closed, its axioms would compile to rules that lack what follows.
         program = Program(CLOSING_RULES)
@@ -340,7 +341,10 @@ class Maintainer:
 
     def _bulk(self, draft: Draft, derivation: Derivation, equality: Equality) -> Bulk:
         most, work = derivation.max_facts, draft.layer.work
-        return Bulk(self.terms, equality, most, derivation.refusal, work, self.ownership)
+        ownership = self.ownership
+        if equality is not draft.equality:
+            ownership = Ownership(self.settings.owner, self.terms)
+        return Bulk(self.terms, equality, most, derivation.refusal, work, ownership)
 
     def _derivation(
         self, layer: Layer, equality: Equality, asserted: Asserted, max_facts: int
@@ -421,6 +425,7 @@ class _Revision:
         """Dissolve classes and bring back what is asserted of each member."""
         self.was_split = True
         members = {m for r in representatives for m in self.equality.dissolve(r)}
+        self.maintainer.ownership.forget()
         for fact in self.asserted:
             if not members.isdisjoint(fact):
                 self.derivation.insert(fact)

@@ -26,7 +26,7 @@ from rtask.kb.commit.budget import UNBOUNDED, Guard, ReasoningLimits, stopping
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
 from rtask.kb.commit.checks.requirements import check_blobs, check_literals, check_rights
 from rtask.kb.commit.commit import Change, Commit, Request
-from rtask.kb.commit.foreign.identity import merge_refused, new_merges
+from rtask.kb.commit.foreign.identity import merge_refused, new_merges, supports_of
 from rtask.kb.commit.foreign.precedence import NamePrecedence
 from rtask.kb.commit.foreign.supports import Support, leaves_of, support_of
 from rtask.kb.commit.inference import Inference, Staged, rules_from_now_on
@@ -49,7 +49,7 @@ from rtask.kb.store.quads import Derived, InGraph, QuadChain, parts_of, quads_wr
 from rtask.kb.store.replacement import ReplacementError, is_large_removal, replace_contents
 from rtask.kb.store.union import Copies, is_empty, union_change
 from rtask.kb.store.writes import Writes
-from rtask.rdf.terms import DEFAULT, LONG_AGO, GraphName, TripleKey
+from rtask.rdf.terms import DEFAULT, LONG_AGO, GraphName
 
 __all__ = ["Committer"]
 
@@ -172,13 +172,9 @@ class Committer:
             return names.remark()
         if len(change.added) <= MAX_LATE:
             with self.late.quiet() if self.late is not None else nullcontext():
-                keys = self.catalogue.keys()
-                claim = next(keys.contested(change.added, self.store, self.graphs), None)
-            if claim is not None:
-                return (
-                    f"{claim}; both stand, and are not taken for one thing. An operator sees them "
-                    "in rtask doctor, and can withdraw one or state that they are the same"
-                )
+                contested = self.catalogue.keys().remark(change.added, self.store, self.graphs)
+            if contested is not None:
+                return contested
         return names.notice() if self.catalogue.triple_count(self.graphs.quarantine) else None
 
     def _settle(
@@ -200,7 +196,7 @@ class Committer:
                 merges = new_merges(change, derived.added, access, self.graphs)
                 if not merges:
                     return derived, staged, aside
-                if not names.give_way(change, _behind(merges, staged)):
+                if not names.give_way(change, supports_of(merges, staged)):
                     raise merge_refused(merges, change.added, self.store, access, self.graphs)
             except BaseException:
                 if staged is not None:
@@ -485,12 +481,6 @@ class Committer:
     def _unchanged(self, request: Request) -> Change:
         commit = Commit(self.last_seq, 0, 0, 0, dt.datetime.now(dt.UTC), None)
         return Change(commit, request.access.agent, request.note, (), (), (), ())
-
-
-def _behind(merges: Sequence[TripleKey], staged: Staged | None) -> list[Support]:
-    """Return the asserted statements from which identities follow, as far as they are found."""
-    proofs = [] if staged is None else [staged.prove(triple) for triple in merges]
-    return [leaves_of(proof) for proof in proofs if proof is not None]
 
 
 def _whole(change: Overlay, derived: Derived, notes: Overlay) -> Writes:

@@ -1634,6 +1634,16 @@ class Observation(Process, SosaObservation, Activity):
     entropy_change: One[float] = One(_RT + "entropyChange", _XSD + "double", functional=True, unit="UNITLESS")
 
 
+class OutOfOrder(Object):
+    """A robot or an end effector that cannot be used now: its arm does not move, its fingers do not
+    close. With a robot all its end effectors are. Whoever mends it withdraws the statement.
+
+    ``rt:OutOfOrder``
+    """
+
+    __iri__: ClassVar[str] = _RT + "OutOfOrder"
+
+
 class Outcome(InformationEntity):
     """The result of an action.
 
@@ -1992,6 +2002,16 @@ class ServiceMethod(InformationEntity):
     is_idempotent: One[bool] = One(_RT + "isIdempotent", _XSD + "boolean", functional=True)
     method_name: One[str] = One(_RT + "methodName", _XSD + "string", functional=True)
     method_of: Link[Service] = Link(_RT + "methodOf", _RT + "Service", functional=True, inverse=_RT + "hasMethod", stored=False)
+
+
+class Shut(Object):
+    """A place that nothing can be taken from or put into now, as its door or lid is closed. Whoever
+    opens it withdraws the statement.
+
+    ``rt:Shut``
+    """
+
+    __iri__: ClassVar[str] = _RT + "Shut"
 
 
 class StateProjection(InformationEntity):

@@ -116,6 +116,9 @@ def _plan_and_move(forms: Forms) -> None:
     assert found["status"] == "no_table"
     view = {"cloud": base64.b64decode(seen_from_above(seed=7, noise_seed=1))}
     assert forms.call("rtask/Segmentation/perceive", view, sensor_pose=LOOKING_DOWN)["status"]
+    placed = {"views.0.cloud": view["cloud"]}
+    views = [{"sensor_pose": LOOKING_DOWN}]
+    assert forms.call("rtask/Segmentation/segment_views", placed, views=views)["status"]
     joints = [one.name for one in describe("panda").joints if one.kind != "fixed"]
     body = {"$data.robot": "robots/Panda", "joint_names": "\n".join(joints)}
     place = {"joint_positions": [0.0] * len(joints), "root_from_camera": LOOKING_DOWN}

@@ -20,7 +20,7 @@ from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.minters import Minters
 from rtask.rdf.terms import RDF_TYPE, Subject, Term
 
-__all__ = ["ContestedKey", "Keys", "contested_keys"]
+__all__ = ["MAX_CLAIMS", "MAX_SHARERS", "ContestedKey", "Keys", "contested_keys"]
 
 _OWL, _RDF = ontology.PREFIXES["owl"], ontology.PREFIXES["rdf"]
 _HAS_KEY = NamedNode(_OWL + "hasKey")
@@ -28,6 +28,10 @@ _SAME_AS = NamedNode(_OWL + "sameAs")
 _UNIQUE = NamedNode(_OWL + "InverseFunctionalProperty")
 _FIRST, _REST = NamedNode(_RDF + "first"), NamedNode(_RDF + "rest")
 _MAX_LENGTH = 100
+MAX_CLAIMS = 20
+"""Statements of a commit of which it is looked whether others have the same value of a key."""
+MAX_SHARERS = 20
+"""Statements of one value that are looked at: a robot could give thousands of its things one."""
 
 
 @dataclass(frozen=True)
@@ -86,17 +90,32 @@ class Keys:
                 keys[properties, quad.subject] = None
         return cls(keys)
 
+    def remark(self, added: Iterable[Quad], store: GraphStore, graphs: Graphs) -> str | None:
+        """Return what the author of a commit is told of keys that others claim as well."""
+        concerned = (quad for quad in added if quad.predicate in self._of_property)
+        claim = next(self.contested(islice(concerned, MAX_CLAIMS), store, graphs), None)
+        if claim is None:
+            return None
+        return (
+            f"{claim}; both stand, and are not taken for one thing. An operator sees them in rtask "
+            "doctor, and can withdraw one or state that they are the same"
+        )
+
     def contested(
         self, quads: Iterable[Quad], store: GraphStore, graphs: Graphs
     ) -> Iterator[ContestedKey]:
-        """Yield what statements in the store, or about to be, give of keys that others have."""
+        """Yield what statements in the store, or about to be, give of keys that others have.
+
+        Of the statements of one value it looks at some only.
+        """
         owner = Minters(graphs.base)
         for quad in quads:
             keys = self._of_property.get(quad.predicate)
             if keys is None:
                 continue
             mine = _owner(quad.subject, owner)
-            for other in store.quads_for_pattern(None, quad.predicate, quad.object, None):
+            held = store.quads_for_pattern(None, quad.predicate, quad.object, None)
+            for other in islice(held, MAX_SHARERS):
                 theirs = _owner(other.subject, owner)
                 if theirs != mine and graphs.is_input(other.graph_name):
                     pair = (quad.subject, other.subject)

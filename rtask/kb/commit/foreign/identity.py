@@ -7,7 +7,7 @@ change, not at how it is stated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import islice
 
 from pyoxigraph import BlankNode, NamedNode, Quad
@@ -15,6 +15,8 @@ from pyoxigraph import BlankNode, NamedNode, Quad
 import ontology
 from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
+from rtask.kb.commit.foreign.supports import Support, leaves_of
+from rtask.kb.commit.inference import Staged
 from rtask.kb.commit.schema_right import SchemaRight, namespaces
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
@@ -22,7 +24,7 @@ from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.quads import InGraph
 from rtask.rdf.terms import Term, TripleKey
 
-__all__ = ["MAX_MERGES", "merge_refused", "merges_of_others", "new_merges"]
+__all__ = ["MAX_MERGES", "merge_refused", "merges_of_others", "new_merges", "supports_of"]
 
 _SAME_AS = NamedNode(ontology.PREFIXES["owl"] + "sameAs")
 MAX_MERGES = 100
@@ -56,6 +58,12 @@ def new_merges(
     if access.may_state_axioms:
         return []
     return [*islice(merges_of_others(derived, access, graphs, change.store), MAX_MERGES)]
+
+
+def supports_of(merges: Sequence[TripleKey], staged: Staged | None) -> list[Support]:
+    """Return the asserted statements from which identities follow, as far as they are found."""
+    proofs = [] if staged is None else [staged.prove(triple) for triple in merges]
+    return [leaves_of(proof) for proof in proofs if proof is not None]
 
 
 def merge_refused(
