@@ -32,7 +32,7 @@ from tests.simulate.ros.recorded import LIVE, Taken, take_frame, write_recording
 pytest.importorskip("rosbags")
 pytestmark = pytest.mark.deep  # tests/rtask/cli/test_recorded_view.py is its small sibling
 
-WAIT_S = 60.0
+WAIT_S = 240.0
 SEED, SEEDS = 3, range(10)
 HAND = {"name": "hand", "gripper_type": "nao_hand", "max_opening": 0.09, "max_payload": 0.5}
 

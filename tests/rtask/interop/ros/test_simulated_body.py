@@ -57,6 +57,7 @@ def test_tf_gives_the_camera_as_the_joints_say(robot, body):
 
 _TICKS = """
 from types import SimpleNamespace
+import numpy as np
 from rtask.interop.ros.find import use_ros
 use_ros()
 import rospy
@@ -75,11 +76,14 @@ class Publisher:
         return 1
 
 rospy.Publisher = Publisher
+rospy.set_param = lambda name, value: None
 Sensors._publish_frame = lambda self, stamp: frames.append(stamp)
 frames, nao = [], describe("nao")
-world = SimpleNamespace(time=0.0, client=SimpleNamespace(ER_TINY_RENDERER=0))
+world = SimpleNamespace(time=0.0, client=SimpleNamespace(ER_TINY_RENDERER=0), place_boxes={})
 joints = {joint.name: 0.0 for joint in nao.moving_joints()}
-robot = SimpleNamespace(description=nao, world=world, joint_values=lambda: joints)
+robot = SimpleNamespace(
+    description=nao, world=world, joint_values=lambda: joints, world_from_base=np.eye(4)
+)
 sensors = Sensors(RospyFront(), robot, Rates(joints_hz=20.0, frames_hz=5.0), is_clock=True)
 for step in range(100):
     world.time = 0.01 * step
