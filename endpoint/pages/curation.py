@@ -120,7 +120,7 @@ def objects_alike(subject: str, description: str) -> Alike:
         for row in rows
     ]
     matches.sort(key=lambda row: -row["confidence"])
-    return Alike(matches, answer["suggestions"], answer["views_untried"])
+    return Alike(matches, answer["suggestions"], answer.get("views_untried", 0))
 
 
 @page(_ADDRESS, "curation.html")

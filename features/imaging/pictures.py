@@ -75,7 +75,7 @@ def implausible_object(positions: FloatArray) -> str:
     Examples
     --------
     >>> implausible_object(np.array([[0, 0, 700], [9, 0, 730], [-8, 10, 690]], np.float32))
-    'half of the points lie 12.8 m apart from their middle: are they in another unit?'
+    'half of the points lie 16.2 m apart from their middle: are they in another unit?'
     """
     return _apart(positions, _LARGEST_OBJECT_M)
 

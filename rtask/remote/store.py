@@ -289,6 +289,28 @@ class RemoteStore(GraphStore):
                 quads.append(Quad(bound["s"], bound["p"], bound["o"], bound["g"]))
         return quads
 
+    def with_values(
+        self, pairs: Sequence[tuple[NamedNode, Term]], most: int
+    ) -> list[tuple[int, Quad]]:
+        """Return statements with these properties and values, each with the number of its pair."""
+        if not pairs:
+            return []
+        if self._is_changing:
+            self._pin()
+        term = self._dialect.term
+        values = [self._dialect.canonical(stored(value)) for _, value in pairs]
+        rows = " ".join(
+            f"({number} {term(predicate)} {term(value)})"
+            for number, ((predicate, _), value) in enumerate(zip(pairs, values, strict=True))
+        )
+        body = f"VALUES (?n ?p ?o) {{ {rows} }} GRAPH ?g {{ ?s ?p ?o }}"
+        found = []
+        for s, n, g in self._rows(f"SELECT ?s ?n ?g {{ {body} }} LIMIT {most * len(pairs)}"):
+            number = int(n.value)
+            if g in self._named():
+                found.append((number, Quad(s, pairs[number][0], values[number], g)))
+        return found
+
     def _ask(self, body: str) -> bool:
         return self._endpoints.ask(f"ASK {{ {body} }}")
 

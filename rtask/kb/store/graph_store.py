@@ -8,8 +8,9 @@ inference, rights, validation and the feed work on this interface and know neith
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -185,6 +186,24 @@ class GraphStore(ABC):
 
     def prefetch(self, subjects: Iterable[Subject]) -> None:  # noqa: B027 - nothing to do in this process
         """Expect look-ups of these subjects in this change; a store elsewhere asks for all now."""
+
+    def with_values(
+        self, pairs: Sequence[tuple[NamedNode, Term]], most: int
+    ) -> list[tuple[int, Quad]]:
+        """Return statements with these properties and values, each with the number of its pair.
+
+        A store elsewhere is asked once for all pairs.
+
+        Parameters
+        ----------
+        most
+            About how many are returned of each pair.
+        """
+        return [
+            (number, quad)
+            for number, (predicate, value) in enumerate(pairs)
+            for quad in islice(self.quads_for_pattern(None, predicate, value, None), most)
+        ]
 
     def scratch(self) -> GraphStore:
         """Return a store in this process with the same content, on which an update may be tried.

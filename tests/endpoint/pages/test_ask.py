@@ -64,7 +64,8 @@ def test_each_number_of_an_answer_leads_to_what_it_rests_on(client: FlaskClient)
     assert len(answered["why"]) == len(answered["rows"])
     assert answered["why"] == ["/feedback?robot=urn%3Alab%2Frobot%2Fnao"]
     page = client.get("/ask", query_string=asked, headers=HTML).text
-    assert page.count('data-figure href="/feedback?robot=urn%3Alab%2Frobot%2Fnao"') == 3
+    # Three cells of the table, and the number in the sentence above it.
+    assert page.count('data-figure href="/feedback?robot=urn%3Alab%2Frobot%2Fnao"') == 4
     assert client.get(answered["why"][0], headers=HTML).status_code == 200
     plain = client.get("/ask", query_string=CUPS).get_json()
     assert plain["why"] == [""]

@@ -97,11 +97,20 @@ def test_outcomes_are_listed_by_robot_object_and_grasp_in_each_form(run: Run, st
     assert both.startswith("1 of 1 held: nao-2 1 of 1\n")
 
 
-def test_what_nobody_is_called_is_an_error_and_no_empty_list(run: Run) -> None:
+def test_what_nobody_or_two_are_called_is_an_error_and_no_empty_list(
+    run: Run, tmp_path: Path
+) -> None:
     code, out, err = run("feedback", "--robot", "nao-9")
     assert (code, out) == (1, "")
     assert "no robot is called 'nao-9'" in err
-    assert run("feedback", "--object", "carton-6")[2].count("/object/") == 2
+    own = str(unpack(tmp_path / "demo")["store"])
+    renamed = (
+        "DELETE { GRAPH ?g { ?s rt:name 'carton-105' } } "
+        "INSERT { GRAPH ?g { ?s rt:name 'carton-6' } } "
+        "WHERE { GRAPH ?g { ?s rt:name 'carton-105' } }"
+    )
+    assert run("update", renamed, "--data", own)[0] == 0
+    assert run("feedback", "--object", "carton-6", "--data", own)[2].count("/object/") == 2
     assert "without TASK_ID" in run("feedback", "urn:task:1", "--confirm", "--robot", "nao-1")[2]
 
 

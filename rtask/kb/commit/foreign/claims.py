@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 
-from pyoxigraph import BlankNode, NamedNode, Quad
+from pyoxigraph import NamedNode, Quad
 
 import ontology
 from rtask.kb.store.graph_store import GraphStore
@@ -23,10 +23,13 @@ from rtask.rdf.terms import RDF_TYPE, Subject, Term
 __all__ = ["MAX_CLAIMS", "MAX_SHARERS", "ContestedKey", "Keys", "contested_keys"]
 
 _OWL, _RDF = ontology.PREFIXES["owl"], ontology.PREFIXES["rdf"]
-_HAS_KEY = NamedNode(_OWL + "hasKey")
 _SAME_AS = NamedNode(_OWL + "sameAs")
-_UNIQUE = NamedNode(_OWL + "InverseFunctionalProperty")
-_FIRST, _REST = NamedNode(_RDF + "first"), NamedNode(_RDF + "rest")
+_KEYS = f"""
+SELECT ?p ?list ?kind {{
+    {{ GRAPH ?g {{ ?p a <{_OWL}InverseFunctionalProperty> }} }}
+    UNION
+    {{ GRAPH ?g {{ ?kind <{_OWL}hasKey> ?list . ?list <{_RDF}rest>*/<{_RDF}first> ?p }} }}
+}}"""
 _MAX_LENGTH = 100
 MAX_CLAIMS = 20
 """Statements of a commit of which it is looked whether others have the same value of a key."""
@@ -80,14 +83,21 @@ class Keys:
     @classmethod
     def read(cls, store: GraphStore) -> Keys:
         """Return the keys that a store holds."""
-        unique = store.quads_for_pattern(None, RDF_TYPE, _UNIQUE, None)
-        names = {quad.subject: None for quad in unique if isinstance(quad.subject, NamedNode)}
+        names: dict[Term | None, dict[NamedNode, None]] = {}
+        kinds: dict[Term | None, Term | None] = {}
+        unique: dict[NamedNode, None] = {}
+        for row in store.query(_KEYS):
+            name, cell = row["p"], row["list"]
+            if not isinstance(name, NamedNode):
+                continue
+            if cell is None:
+                unique[name] = None
+            else:
+                names.setdefault(cell, {})[name] = None
+                kinds[cell] = row["kind"]
         keys: dict[tuple[tuple[NamedNode, ...], Term | None], None] = {}
-        keys.update(dict.fromkeys(((name,), None) for name in names))
-        for quad in store.quads_for_pattern(None, _HAS_KEY, None, None):
-            properties = tuple(_members(store, quad.object))
-            if properties:
-                keys[properties, quad.subject] = None
+        keys.update(dict.fromkeys(((name,), None) for name in unique))
+        keys.update(dict.fromkeys((tuple(names[cell]), kinds[cell]) for cell in names))
         return cls(keys)
 
     def remark(self, added: Iterable[Quad], store: GraphStore, graphs: Graphs) -> str | None:
@@ -109,16 +119,15 @@ class Keys:
         Of the statements of one value it looks at some only.
         """
         owner = Minters(graphs.base)
-        for quad in quads:
-            keys = self._of_property.get(quad.predicate)
-            if keys is None:
-                continue
-            mine = _owner(quad.subject, owner)
-            held = store.quads_for_pattern(None, quad.predicate, quad.object, None)
-            for other in islice(held, MAX_SHARERS):
-                theirs = _owner(other.subject, owner)
+        concerned = (quad for quad in quads if quad.predicate in self._of_property)
+        while some := list(islice(concerned, MAX_CLAIMS)):
+            held = store.with_values([(q.predicate, q.object) for q in some], MAX_SHARERS)
+            for number, other in held:
+                quad = some[number]
+                mine, theirs = _owner(quad.subject, owner), _owner(other.subject, owner)
                 if theirs != mine and graphs.is_input(other.graph_name):
                     pair = (quad.subject, other.subject)
+                    keys = self._of_property[quad.predicate]
                     if any(_have_same(pair, key, store) for key in keys):
                         yield ContestedKey(*pair, quad, (mine, theirs))
 
@@ -139,19 +148,6 @@ def contested_keys(store: GraphStore, graphs: Graphs, limit: int = 1_000) -> lis
 
 def _owner(term: Subject, owner: Minters) -> str | None:
     return owner(term.value) if isinstance(term, NamedNode) else None
-
-
-def _members(store: GraphStore, cell: Term) -> Iterator[NamedNode]:
-    for _ in range(_MAX_LENGTH):
-        if not isinstance(cell, NamedNode | BlankNode):
-            return
-        first = next(iter(store.quads_for_pattern(cell, _FIRST, None, None)), None)
-        rest = next(iter(store.quads_for_pattern(cell, _REST, None, None)), None)
-        if first is None or rest is None:
-            return  # the list ends
-        if isinstance(first.object, NamedNode):
-            yield first.object
-        cell = rest.object
 
 
 def _have_same(
