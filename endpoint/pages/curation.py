@@ -90,11 +90,14 @@ class Alike:
         Words of kinds, where the described one is not known.
     views_untried
         Stored views that were not compared: without a match, it is not decided that there is none.
+    is_compared
+        Whether the object has a view that could be compared.
     """
 
     matches: list[Model] = field(default_factory=list)
     suggestions: list[str] = field(default_factory=list)
     views_untried: int = 0
+    is_compared: bool = True
 
 
 def objects_alike(subject: str, description: str) -> Alike:
@@ -106,7 +109,7 @@ def objects_alike(subject: str, description: str) -> Alike:
     try:
         answer = context().engine.call("teach_object", search_request, caller.access)
     except UnknownTermError:  # nothing was seen of it that can be compared
-        return Alike()
+        return Alike(is_compared=False)
     alike = {row["object"]: row for row in answer["similar_objects"]}
     rows = list_objects(len(alike), chosen=by_iri(alike)) if alike else []
     matches = [
@@ -120,6 +123,7 @@ def objects_alike(subject: str, description: str) -> Alike:
         for row in rows
     ]
     matches.sort(key=lambda row: -row["confidence"])
+    # Of an unknown kind nothing is compared, and the answer has suggestions alone.
     return Alike(matches, answer["suggestions"], answer.get("views_untried", 0))
 
 

@@ -36,7 +36,12 @@ def teach() -> Model:
     if name or description:
         return {**model, **_candidates(subject, name, description)}
     alike = objects_alike(subject, "")
-    return {**model, "candidates": alike.matches, "untried": alike.views_untried}
+    return {
+        **model,
+        "candidates": alike.matches,
+        "untried": alike.views_untried,
+        "is_compared": alike.is_compared,
+    }
 
 
 def _candidates(subject: str, name: str, description: str) -> Model:

@@ -187,7 +187,7 @@ def test_views_that_were_not_compared_leave_it_undecided_what_an_object_is(
 ) -> None:
     browser = site.signed_in("ann")
     address = "/teach?iri=urn:lab/object/3"
-    assert "None looks like it" in page(browser, address)
+    assert "Not decided: it has no view that can be compared" in page(browser, address)
     monkeypatch.setattr("endpoint.pages.teach.objects_alike", lambda *_: Alike(views_untried=7))
     assert "Not decided: 7 stored views" in page(browser, address)
     monkeypatch.setattr("endpoint.pages.teach.MAX_CANDIDATES", 1)

@@ -5,13 +5,11 @@ from __future__ import annotations
 import datetime as dt
 import random
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from pyoxigraph import NamedNode
 
-import ontology
 import rtask
 from rtask.errors import (
     ConflictError,
@@ -33,58 +31,25 @@ from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import Quad, TripleKey, iri
 from tests.commands import run_program
-
-_RT = ontology.NS
-_PREFIXES = f"PREFIX rt: <{_RT}> " + " ".join(
-    f"PREFIX {name}: <{ontology.PREFIXES[name]}>" for name in ("owl", "rdfs", "rdf", "time", "xsd")
-)
-_SCHEMA = """INSERT DATA { GRAPH <urn:lab/onto> {
-    <urn:lab/onto> a owl:Ontology .
-    <urn:Cup> rdfs:subClassOf <urn:Vessel> . <urn:Vessel> rdfs:subClassOf <urn:Thing> .
-    <urn:Cup> owl:disjointWith <urn:Box> .
-    <urn:on> a owl:ObjectProperty ; rdfs:domain <urn:Thing> ; rdfs:range <urn:Place> .
-    <urn:in> a owl:TransitiveProperty .
-    <urn:mass> a owl:DatatypeProperty, owl:FunctionalProperty . } }"""
-
-
-@pytest.fixture
-def kb(tmp_path: Path) -> Iterator[KnowledgeBase]:
-    with rtask.open(tmp_path / "kb", base="urn:lab/", ontologies=False, flush="os") as opened:
-        _write(opened, _SCHEMA)
-        _write(opened, "INSERT DATA { <urn:c0> a <urn:Cup> ; <urn:mass> 0.3e0 }")
-        yield opened
-
-
-def _write(kb: KnowledgeBase, text: str, **options: object) -> int:
-    return kb.update(f"{_PREFIXES} {text}", **options).seq  # type: ignore[arg-type]
-
-
-def _holds(kb: KnowledgeBase, pattern: str) -> bool:
-    return bool(kb.query(f"{_PREFIXES} ASK {{ {pattern} }}"))
-
-
-def _inferred(kb: KnowledgeBase) -> set[str]:
-    return {str(quad) for quad in kb.match(graph=kb.graphs.inferred)}
+from tests.rtask.kb.branches.conftest import holds, inferred, write
 
 
 def test_what_is_written_in_a_branch_and_follows_there_stays_there(kb: KnowledgeBase) -> None:
     with kb.branch("tuesday") as branch:
         commit = branch.graph.update("INSERT DATA { <urn:c1> a <urn:Cup> }")
         assert commit.derived > 0
-        assert _holds(branch.graph, "<urn:c1> a <urn:Vessel>")
+        assert holds(branch.graph, "<urn:c1> a <urn:Vessel>")
         assert branch.graph.query("ASK { <urn:c1> a <urn:Thing> }", timeout_s=10.0)
-        assert not _holds(kb, "<urn:c1> ?p ?o")
-        _write(kb, "INSERT DATA { <urn:c2> a <urn:Cup> }")
-        assert not _holds(branch.graph, "<urn:c2> ?p ?o")
+        assert not holds(kb, "<urn:c1> ?p ?o")
+        write(kb, "INSERT DATA { <urn:c2> a <urn:Cup> }")
+        assert not holds(branch.graph, "<urn:c2> ?p ?o")
 
 
 def test_a_withdrawal_in_a_branch_takes_what_followed_along(kb: KnowledgeBase) -> None:
     with kb.branch() as branch:
-        _write(
-            branch.graph, "DELETE DATA { GRAPH <urn:lab/graph/shared> { <urn:c0> a <urn:Cup> } }"
-        )
-        assert not _holds(branch.graph, "<urn:c0> a <urn:Vessel>")
-        assert _holds(kb, "<urn:c0> a <urn:Vessel>")
+        write(branch.graph, "DELETE DATA { GRAPH <urn:lab/graph/shared> { <urn:c0> a <urn:Cup> } }")
+        assert not holds(branch.graph, "<urn:c0> a <urn:Vessel>")
+        assert holds(kb, "<urn:c0> a <urn:Vessel>")
     assert kb.branches() == []
 
 
@@ -105,13 +70,13 @@ def test_what_follows_in_a_branch_is_what_a_closure_of_its_own_holds(kb: Knowled
             target = draw.choice([kb, branch.graph])
             verb = draw.choice(["INSERT", "INSERT", "DELETE"])
             body = " . ".join(statement() for _ in range(draw.randint(1, 3)))
-            _write(target, f"{verb} DATA {{ GRAPH <urn:lab/graph/shared> {{ {body} }} }}")
+            write(target, f"{verb} DATA {{ GRAPH <urn:lab/graph/shared> {{ {body} }} }}")
             if step == 30:
-                _write(kb, "DELETE WHERE { GRAPH <urn:lab/onto> { <urn:on> rdfs:domain ?c } }")
+                write(kb, "DELETE WHERE { GRAPH <urn:lab/onto> { <urn:on> rdfs:domain ?c } }")
             if step % 6 == 0:
                 assert [f for f in branch.graph.verify() if f.severity == "error"] == []
         expected = {str(q) for q in branch.graph.match(graph="urn:lab/graph/shared")}
-        derived = _inferred(branch.graph)
+        derived = inferred(branch.graph)
         others = {str(q) for q in kb.match(graph="urn:lab/graph/shared")}
     assert len(derived) > 10
     assert expected != others
@@ -135,8 +100,8 @@ def test_a_commit_looks_at_itself_and_not_at_what_the_branch_held_before(
         for number in range(1, 5):
             size = 300 if number > 2 else 1
             body = " . ".join(f"<urn:c{number}x{k}> a <urn:Cup>" for k in range(size))
-            _write(branch.graph, f"INSERT DATA {{ {body} }}")
-            _write(kb, f"INSERT DATA {{ <urn:t{number}> a <urn:Cup> }}")
+            write(branch.graph, f"INSERT DATA {{ {body} }}")
+            write(kb, f"INSERT DATA {{ <urn:t{number}> a <urn:Cup> }}")
             asked.clear()
             commit = branch.graph.update(f"INSERT DATA {{ <urn:d{number}> a <urn:Cup> }}")
             assert commit.derived >= 2
@@ -147,20 +112,20 @@ def test_a_commit_looks_at_itself_and_not_at_what_the_branch_held_before(
 
 def test_a_branch_goes_on_after_rules_of_its_trunk_have_changed(kb: KnowledgeBase) -> None:
     with kb.branch("goes-on") as branch:
-        _write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }")
+        write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }")
         kb.add_rules("# rule: tea\nCONSTRUCT { ?x <urn:holds> <urn:tea> } WHERE { ?x a <urn:Cup> }")
-        _write(branch.graph, "INSERT DATA { <urn:c2> a <urn:Cup> }")
-        assert _holds(branch.graph, "<urn:c1> <urn:holds> <urn:tea>")
-        assert _holds(branch.graph, "<urn:c2> <urn:holds> <urn:tea>")
-        assert branch.graph.explain("urn:c2", "urn:holds", NamedNode("urn:tea")).holds
+        write(branch.graph, "INSERT DATA { <urn:c2> a <urn:Cup> }")
+        assert holds(branch.graph, "<urn:c1> <urn:holds> <urn:tea>")
+        assert holds(branch.graph, "<urn:c2> <urn:holds> <urn:tea>")
+        assert branch.graph.explain("urn:c2", "urn:holds", iri("urn:tea")).holds
 
 
 def test_merging_makes_one_commit_from_which_the_same_follows(kb: KnowledgeBase) -> None:
     branch = kb.branch("tuesday", agent="nao-1")
-    _write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }", agent="nao-1")
-    _write(branch.graph, "INSERT DATA { <urn:c1> <urn:in> <urn:b1> . <urn:b1> <urn:in> <urn:r1> }")
-    _write(branch.graph, "DELETE WHERE { GRAPH ?g { <urn:c0> <urn:mass> ?m } }")
-    derived = _inferred(branch.graph)
+    write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }", agent="nao-1")
+    write(branch.graph, "INSERT DATA { <urn:c1> <urn:in> <urn:b1> . <urn:b1> <urn:in> <urn:r1> }")
+    write(branch.graph, "DELETE WHERE { GRAPH ?g { <urn:c0> <urn:mass> ?m } }")
+    derived = inferred(branch.graph)
     before = kb.seq
     compared = branch.compare()
     assert (len(compared.added), len(compared.removed), compared.commits) == (3, 1, 3)
@@ -169,7 +134,7 @@ def test_merging_makes_one_commit_from_which_the_same_follows(kb: KnowledgeBase)
     commit = branch.merge()
     assert (commit.seq, commit.added, commit.removed) == (before + 1, 3, 1)
     assert commit.derived == compared.derived
-    assert _inferred(kb) == derived
+    assert inferred(kb) == derived
     assert kb.match("urn:c1", graph="urn:lab/graph/agent/nao-1")
     assert kb.branches() == []
     assert "branch tuesday of nao-1, 3 commits" in str(kb.history(start=None)[-1].note)
@@ -188,9 +153,9 @@ def test_two_values_of_a_functional_property_are_a_conflict(kb: KnowledgeBase) -
         "DELETE WHERE {{ GRAPH ?g {{ <urn:c0> <urn:mass> ?m }} }} ; "
         "INSERT DATA {{ <urn:c0> <urn:mass> {} }}"
     )
-    _write(branch.graph, change.format("0.5e0"))
+    write(branch.graph, change.format("0.5e0"))
     assert branch.compare().conflicts == ()
-    _write(kb, change.format("0.7e0"))
+    write(kb, change.format("0.7e0"))
     [conflict] = [c for c in branch.compare().conflicts if c.kind == "value"]
     assert conflict.subject == "urn:c0"
     assert "5" in conflict.branch[0]
@@ -198,11 +163,11 @@ def test_two_values_of_a_functional_property_are_a_conflict(kb: KnowledgeBase) -
     with pytest.raises(ConflictError, match="nothing was merged") as refused:
         branch.merge()
     assert [c["kind"] for c in refused.value.details["conflicts"]] == ["value"]
-    assert _holds(kb, "<urn:c0> <urn:mass> 0.7e0")
+    assert holds(kb, "<urn:c0> <urn:mass> 0.7e0")
     # The branch stays, so that it can be made to fit.
-    _write(branch.graph, change.format("0.7e0"))
+    write(branch.graph, change.format("0.7e0"))
     branch.merge()
-    assert not _holds(kb, "<urn:c0> <urn:mass> 0.5e0")
+    assert not holds(kb, "<urn:c0> <urn:mass> 0.5e0")
 
 
 def test_conflicts_that_were_not_looked_for_are_announced(
@@ -210,8 +175,8 @@ def test_conflicts_that_were_not_looked_for_are_announced(
 ) -> None:
     branch = kb.branch("many")
     values = "INSERT DATA {{ <urn:c1> <urn:mass> {0} . <urn:c2> <urn:mass> {0} }}"
-    _write(branch.graph, values.format("0.5e0"))
-    _write(kb, values.format("0.7e0"))
+    write(branch.graph, values.format("0.5e0"))
+    write(kb, values.format("0.7e0"))
     assert [c.kind for c in branch.compare().conflicts][:2] == ["value", "value"]
     monkeypatch.setattr("rtask.kb.branches.comparison.MAX_CONFLICTS", 1)
     assert [c.kind for c in branch.compare().conflicts][:2] == ["value", "more"]
@@ -221,7 +186,7 @@ def test_conflicts_that_were_not_looked_for_are_announced(
 def test_the_same_change_on_both_sides_is_no_conflict(kb: KnowledgeBase) -> None:
     branch = kb.branch("same")
     for graph in (kb, branch.graph):
-        _write(graph, "INSERT DATA { <urn:c1> <urn:mass> 0.5e0 }")
+        write(graph, "INSERT DATA { <urn:c1> <urn:mass> 0.5e0 }")
     assert branch.compare().conflicts == ()
     assert branch.merge().added == 0
 
@@ -232,19 +197,19 @@ def test_a_thing_put_somewhere_on_both_sides_is_a_conflict(kb: KnowledgeBase) ->
         "INSERT DATA {{ <urn:p{0}> a rt:Placement ; rt:placementOf <urn:c0> ; "
         "rt:placedOn <urn:t{0}> }}"
     )
-    _write(branch.graph, place.format(1))
-    _write(kb, place.format(2))
+    write(branch.graph, place.format(1))
+    write(kb, place.format(2))
     [conflict] = branch.compare().conflicts
     assert (conflict.kind, conflict.subject) == ("place", "urn:c0")
-    _write(kb, "INSERT DATA { <urn:p2> time:hasEnd <urn:p2/end> }")
+    write(kb, "INSERT DATA { <urn:p2> time:hasEnd <urn:p2/end> }")
     assert branch.compare().conflicts == ()
     branch.drop()
 
 
 def test_what_the_trunk_withdrew_is_not_built_on(kb: KnowledgeBase) -> None:
     branch = kb.branch("late")
-    _write(branch.graph, "INSERT DATA { <urn:c0> <urn:on> <urn:t1> }")
-    _write(kb, "DELETE WHERE { GRAPH <urn:lab/graph/shared> { <urn:c0> ?p ?o } }")
+    write(branch.graph, "INSERT DATA { <urn:c0> <urn:on> <urn:t1> }")
+    write(kb, "DELETE WHERE { GRAPH <urn:lab/graph/shared> { <urn:c0> ?p ?o } }")
     [conflict] = branch.compare().conflicts
     assert (conflict.kind, conflict.subject) == ("withdrawn", "urn:c0")
     assert len(conflict.branch) == 1
@@ -252,8 +217,8 @@ def test_what_the_trunk_withdrew_is_not_built_on(kb: KnowledgeBase) -> None:
 
 def test_a_contradiction_of_both_is_named_with_its_cause(kb: KnowledgeBase) -> None:
     branch = kb.branch("clash")
-    _write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }")
-    _write(kb, "INSERT DATA { <urn:c1> a <urn:Box> }")
+    write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }")
+    write(kb, "INSERT DATA { <urn:c1> a <urn:Box> }")
     compared = branch.compare()
     assert {conflict.kind for conflict in compared.conflicts} == {"contradiction"}
     assert any("urn:c1" in c.message for c in compared.conflicts)
@@ -266,18 +231,18 @@ def test_a_contradiction_of_both_is_named_with_its_cause(kb: KnowledgeBase) -> N
 def test_a_contradiction_in_the_branch_is_refused_there(kb: KnowledgeBase) -> None:
     with kb.branch() as branch:
         with pytest.raises(InconsistentError, match="urn:c0"):
-            _write(branch.graph, "INSERT DATA { <urn:c0> a <urn:Box> }")
-        assert not _holds(branch.graph, "<urn:c0> a <urn:Box>")
+            write(branch.graph, "INSERT DATA { <urn:c0> a <urn:Box> }")
+        assert not holds(branch.graph, "<urn:c0> a <urn:Box>")
 
 
 def test_what_the_trunk_repaired_since_contradicts_nothing_in_the_branch(kb: KnowledgeBase) -> None:
-    _write(kb, "INSERT DATA { <urn:c5> a <urn:Box> }")
+    write(kb, "INSERT DATA { <urn:c5> a <urn:Box> }")
     with kb.branch() as branch:
-        _write(kb, "DELETE WHERE { GRAPH <urn:lab/graph/shared> { <urn:c5> ?p ?o } }")
-        _write(kb, "INSERT DATA { <urn:c5> a <urn:Cup> }")
-        _write(branch.graph, "INSERT DATA { <urn:c5> <urn:on> <urn:t1> }")
+        write(kb, "DELETE WHERE { GRAPH <urn:lab/graph/shared> { <urn:c5> ?p ?o } }")
+        write(kb, "INSERT DATA { <urn:c5> a <urn:Cup> }")
+        write(branch.graph, "INSERT DATA { <urn:c5> <urn:on> <urn:t1> }")
         with pytest.raises(InconsistentError):
-            _write(branch.graph, "INSERT DATA { <urn:c5> a <urn:Cup> }")
+            write(branch.graph, "INSERT DATA { <urn:c5> a <urn:Cup> }")
 
 
 def test_more_may_not_follow_in_a_branch_than_on_the_trunk(kb: KnowledgeBase) -> None:
@@ -286,20 +251,20 @@ def test_more_may_not_follow_in_a_branch_than_on_the_trunk(kb: KnowledgeBase) ->
     with kb.branch() as branch:
         for graph in (kb, branch.graph):
             with pytest.raises(TooMuchFollowsError):
-                _write(graph, f"INSERT DATA {{ {chain} }}", agent="nao-1", limits=limits)
+                write(graph, f"INSERT DATA {{ {chain} }}", agent="nao-1", limits=limits)
 
 
 def test_a_branch_begins_at_an_earlier_commit(kb: KnowledgeBase) -> None:
     at = kb.seq
-    _write(kb, "INSERT DATA { <urn:c1> a <urn:Cup> . <urn:c0> a <urn:Vessel> }")
+    write(kb, "INSERT DATA { <urn:c1> a <urn:Cup> . <urn:c0> a <urn:Vessel> }")
     with kb.branch("before", at=at) as branch:
         assert branch.base == at
-        assert not _holds(branch.graph, "<urn:c1> ?p ?o")
-        _write(branch.graph, "INSERT DATA { <urn:c2> a <urn:Cup> }")
+        assert not holds(branch.graph, "<urn:c1> ?p ?o")
+        write(branch.graph, "INSERT DATA { <urn:c2> a <urn:Cup> }")
         assert [f for f in branch.graph.verify() if f.severity == "error"] == []
         assert branch.compare().trunk_commits == 1
         branch.merge()
-    assert _holds(kb, "<urn:c1> a <urn:Vessel> . <urn:c2> a <urn:Vessel>")
+    assert holds(kb, "<urn:c1> a <urn:Vessel> . <urn:c2> a <urn:Vessel>")
     with pytest.raises(UsageError, match="no commit 99"):
         kb.branch("never", at=99)
 
@@ -309,12 +274,12 @@ def test_rights_in_a_branch_are_those_on_the_trunk(kb: KnowledgeBase) -> None:
         kb.branch("r", access=Access("guest", "reader"))
     branch = kb.branch("mine", agent="nao-1")
     with pytest.raises(ForbiddenError):
-        _write(
+        write(
             branch.graph,
             "INSERT DATA { GRAPH <urn:lab/graph/agent/nao-2> { <urn:a> <urn:b> 1 } }",
             agent="nao-1",
         )
-    _write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }", agent="nao-1")
+    write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }", agent="nao-1")
     with pytest.raises(ForbiddenError, match="of nao-1"):
         branch.drop(agent="nao-2")
     with pytest.raises(ForbiddenError):
@@ -322,7 +287,7 @@ def test_rights_in_a_branch_are_those_on_the_trunk(kb: KnowledgeBase) -> None:
     assert [c.kind for c in branch.compare(agent="nao-2").conflicts] == ["refused"]
     assert [record.author for record in kb.branches()] == ["nao-1"]
     branch.merge(agent="nao-1")
-    assert _holds(kb, "<urn:c1> a <urn:Vessel>")
+    assert holds(kb, "<urn:c1> a <urn:Vessel>")
 
 
 def test_as_many_branches_as_may_be_and_no_more(kb: KnowledgeBase) -> None:
@@ -381,17 +346,17 @@ def test_a_branch_costs_no_copy(kb: KnowledgeBase) -> None:
 
 def test_a_branch_is_there_after_opening_again(kb: KnowledgeBase, tmp_path: Path) -> None:
     branch = kb.branch("kept", note="for tomorrow")
-    _write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }")
+    write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }")
     kb.close()
     with rtask.open(tmp_path / "kb", ontologies=False) as again:
         [record] = again.branches()
         assert (record.name, record.note) == ("kept", "for tomorrow")
         opened = again.open_branch("kept")
-        _write(opened.graph, "INSERT DATA { <urn:c2> a <urn:Cup> }")
-        assert _holds(opened.graph, "<urn:c1> a <urn:Vessel> . <urn:c2> a <urn:Vessel>")
+        write(opened.graph, "INSERT DATA { <urn:c2> a <urn:Cup> }")
+        assert holds(opened.graph, "<urn:c1> a <urn:Vessel> . <urn:c2> a <urn:Vessel>")
         assert opened.compare().commits == 2
         opened.merge()
-        assert _holds(again, "<urn:c1> a <urn:Vessel>")
+        assert holds(again, "<urn:c1> a <urn:Vessel>")
 
 
 @pytest.mark.slow
@@ -409,10 +374,10 @@ def test_a_killed_process_loses_nothing_of_a_branch(kb: KnowledgeBase, tmp_path:
     assert done.returncode == -signal.SIGKILL
     with rtask.open(tmp_path / "kb", ontologies=False) as again:
         branch = again.open_branch("killed")
-        assert _holds(branch.graph, "<urn:c1> a <urn:Vessel>")
-        assert not _holds(branch.graph, "<urn:c2> ?p ?o")
+        assert holds(branch.graph, "<urn:c1> a <urn:Vessel>")
+        assert not holds(branch.graph, "<urn:c2> ?p ?o")
         branch.merge()
-        assert _holds(again, "<urn:c1> a <urn:Vessel> . <urn:c2> a <urn:Vessel>")
+        assert holds(again, "<urn:c1> a <urn:Vessel> . <urn:c2> a <urn:Vessel>")
         assert [f for f in again.verify() if f.severity == "error"] == []
 
 
@@ -423,9 +388,9 @@ def test_a_bulk_load_of_the_trunk_ends_what_a_branch_can_follow(
     graph = iri("urn:lab/graph/import/large")
     quads = [Quad(iri(f"urn:n{i}"), iri("urn:p"), iri(f"urn:m{i}"), graph) for i in range(20)]
     kb.bulk_add(quads, graph, Request(kb.access()))
-    assert not _holds(branch.graph, "<urn:n7> ?p ?o")
+    assert not holds(branch.graph, "<urn:n7> ?p ?o")
     with pytest.raises(UnsupportedError, match="loaded in bulk"):
-        _write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }")
+        write(branch.graph, "INSERT DATA { <urn:c1> a <urn:Cup> }")
     with pytest.raises(UnsupportedError, match="loaded in bulk"):
         branch.compare()
 
