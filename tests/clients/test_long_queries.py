@@ -17,6 +17,7 @@ import pytest
 
 from endpoint.sparql.answers import QUICK_S
 from rtask.sparql.query_cost import is_quick
+from tests.processes import wait_until
 from tests.servers import RunningServer, running_server
 
 pytestmark = pytest.mark.slow
@@ -57,13 +58,6 @@ def asker(full: RunningServer) -> Iterator[httpx.Client]:
 def running(client: httpx.Client) -> list[dict[str, object]]:
     found: list[dict[str, object]] = client.get("/queries").json()["queries"]
     return found
-
-
-def wait_until(condition: object, seconds: float = 20.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():  # type: ignore[operator]
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.02)
 
 
 def raw_request(server: RunningServer, query: str, version: str = "1.1") -> socket.socket:

@@ -6,7 +6,6 @@ import json
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,6 +18,7 @@ from simulate.drivers.slowed_arm import SlowedArm
 from simulate.motion.motion_limits import MotionLimits
 from simulate.motion.trajectory import time_path
 from simulate.robots import describe
+from tests.processes import wait_until
 from tests.rtask.interop.ros.conftest import Child
 from tests.simulate.drivers.hostile_arm import ACTION, JOINTS, LIMITS, START, TOPIC, HostileArm
 from tests.simulate.drivers.hostile_bridge import HostileBridge
@@ -30,7 +30,6 @@ BRIDGES = (BRIDGE2, BRIDGE1)
 HORIZON_S, STEP_S = 0.5, 0.02
 GOAL, FAR = (0.9, 0.5), (0.9, 2.5)
 PATIENCE = {"state_s": 0.4, "spare_s": 1.0, "silent_s": 0.5}
-_WAIT_S = 60.0
 _SUCCEEDED = {1: 3, 2: 4}
 _ENDS = {
     "good": lambda ok: {"status": ok},
@@ -46,14 +45,6 @@ _ENDS = {
     "no end": lambda ok: "silent",
     "no end, and states that stop": lambda ok: "states stop",
 }
-
-
-def wait_for(is_so):
-    """Wait for something that happens in another thread or process."""
-    until = time.monotonic() + _WAIT_S
-    while not is_so():
-        assert time.monotonic() < until
-        time.sleep(0.005)
 
 
 def pieces_to(start, goal, count):
@@ -149,7 +140,7 @@ class BridgeBench(Bench):
         return error
 
     def _cut_in_the_middle(self):
-        wait_for(lambda: len(self.robot.goals) >= 2 and self.robot.motion is not None)
+        wait_until(lambda: len(self.robot.goals) >= 2 and self.robot.motion is not None)
         self.robot.is_cut = True
 
     def start_program(self):
@@ -208,9 +199,9 @@ class RclpyBench(Bench):
         end, name = self.robot.end, f"goal {len(self.robot.goals)}"
         if not self.robot.take(name, points):
             if self.robot.is_timed:
-                wait_for(lambda: self.robot.motion is None)
+                wait_until(lambda: self.robot.motion is None)
             else:
-                wait_for(lambda: handle.is_cancel_requested)
+                wait_until(lambda: handle.is_cancel_requested)
                 end = {"status": 5}
         handle.status = end["status"]
         result = self.world.class_of("control_msgs/msg/FollowJointTrajectory_Result")()
@@ -231,7 +222,7 @@ class RclpyBench(Bench):
         """Follow a long way; neither states nor cancels get through from its middle on."""
 
         def cut():
-            wait_for(lambda: len(self.robot.goals) >= 2 and self.robot.motion is not None)
+            wait_until(lambda: len(self.robot.goals) >= 2 and self.robot.motion is not None)
             self.is_deaf = True
 
         thread = threading.Thread(target=cut)
@@ -359,7 +350,7 @@ class NaoqiBench(Bench):
         self.theirs = self.motion.angleInterpolation(
             ["LElbowRoll"], [[-0.5]], [[1.0]], True, _async=True
         )
-        wait_for(lambda: self.motion.getTaskList())
+        wait_until(lambda: self.motion.getTaskList())
         [(_, number)] = self.motion.getTaskList()
         return number
 

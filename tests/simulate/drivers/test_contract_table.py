@@ -11,6 +11,7 @@ import re
 
 import pytest
 
+from tests.processes import wait_until
 from tests.rtask.interop.ros.conftest import roscore  # noqa: F401  (a fixture)
 from tests.simulate.drivers.benches import (
     BRIDGES,
@@ -18,7 +19,6 @@ from tests.simulate.drivers.benches import (
     NAOQI,
     ROS1,
     ROS2,
-    wait_for,
 )
 
 pytestmark = pytest.mark.slow
@@ -105,7 +105,7 @@ def test_the_motion_of_another_program_is_not_cancelled(benches, driver):
     bench.arrange(end="no end")
     theirs = bench.begin_another()
     assert bench.follow()
-    wait_for(lambda: bench.cancelled())
+    wait_until(lambda: bench.cancelled())
     assert theirs not in bench.cancelled()
     bench.end_another()
 
@@ -115,7 +115,7 @@ def test_a_killed_program_leaves_an_arm_that_stops_within_the_horizon(benches, d
     bench = benches(driver)
     bench.arrange(is_timed=True)
     program = bench.start_program()
-    wait_for(lambda: bench.report()["goals"] >= 2 and bench.report()["moves"])
+    wait_until(lambda: bench.report()["goals"] >= 2 and bench.report()["moves"])
     program.kill()
     program.wait()
     assert_stops(bench)
@@ -134,7 +134,7 @@ def test_a_lost_link_leaves_an_arm_that_stops_within_the_horizon(benches, driver
 def assert_stops(bench):
     """Check in the robot's own time that no piece goes on for longer than the horizon."""
     cut = bench.report()["clock"]
-    wait_for(lambda: bench.report()["clock"] > cut + 3.0)
+    wait_until(lambda: bench.report()["clock"] > cut + 3.0)
     after = bench.report()
     assert not after["moves"]
     assert after["last_moved"] - cut <= bench.horizon_s + bench.step_s

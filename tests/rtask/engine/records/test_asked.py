@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 
 import pytest
 
@@ -13,6 +12,7 @@ from rtask.errors import UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import iri
+from tests.processes import wait_until
 
 
 @pytest.fixture
@@ -24,13 +24,6 @@ def copy(kb, engine):
             lambda record, author: passed_on.append((json.dumps(record), author)), quiet_s=0.0
         )
         yield made, passed_on
-
-
-def wait_for(condition):
-    end = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < end, "the copy did not learn the view"
-        time.sleep(0.005)
 
 
 @pytest.fixture
@@ -52,7 +45,7 @@ def test_a_place_seen_at_a_copy_is_stored_once_with_the_time_when_it_was_seen(
     here, passed_on = copy
     first, nao = robots("nao-1"), robots("nao-2")
     thing = first.insert(bench.sight(bench.BOX), name="box")["objects"][0]["object"]
-    wait_for(lambda: len(here.index) == 1)
+    wait_until(lambda: len(here.index) == 1)
     before = kb.seq
     nao.engine = here
     seen = {**bench.sight(bench.BOX), "stamp": {"secs": 1_700_000_000, "nsecs": 0}}
@@ -80,7 +73,7 @@ def test_a_refusal_at_a_copy_has_one_iri_however_often_it_is_asked_for_and_arriv
     here, passed_on = copy
     nao = robots("nao-1")
     nao.insert(bench.sight(bench.BOX), name="box")
-    wait_for(lambda: len(here.index) == 1)
+    wait_until(lambda: len(here.index) == 1)
     nao.engine = here
     ask = {"decide": True, "min_identity": 1.0, "min_grasp": 1.0, "propose": False}
     refusals = {nao.recognise(bench.sight(bench.BOX), **ask)["decision"]["refusal"] for _ in "ab"}

@@ -27,7 +27,7 @@ from rtask.kb.durability.recovery import Checkpoint, boot_id
 from rtask.kb.store.embedded import EmbeddedStore
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import BlankNode, NamedNode, Quad, iri, prologue
-from tests.rtask.kb.processes import end_of_checkpoints
+from tests.processes import end_of_checkpoints
 
 pytestmark = pytest.mark.slow
 

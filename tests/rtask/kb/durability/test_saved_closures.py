@@ -21,7 +21,7 @@ from rtask.kb.durability.saved_closures import saved_folders
 from rtask.kb.durability.settings import Settings
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import Literal, iri
-from tests.rtask.kb.processes import end_of_checkpoints
+from tests.processes import end_of_checkpoints
 
 pytestmark = pytest.mark.slow
 

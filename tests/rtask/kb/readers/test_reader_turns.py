@@ -13,8 +13,8 @@ import rtask
 from rtask.errors import ClosedError
 from rtask.kb.readers import scheduling
 from rtask.kb.readers.scheduling import in_long_turns
+from tests.processes import wait_until
 from tests.rtask.kb.numbered_things import fill
-from tests.rtask.kb.processes import wait_until
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="readers are forked")
 

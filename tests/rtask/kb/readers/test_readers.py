@@ -24,8 +24,8 @@ from rtask.kb.readers.request import ReaderLimits
 from rtask.knowledge_base import KnowledgeBase
 from rtask.sparql.results import Solutions
 from tests.commands import start_command
+from tests.processes import is_alive, wait_until
 from tests.rtask.kb.numbered_things import fill
-from tests.rtask.kb.processes import is_alive, wait_until
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="readers are forked")
 

@@ -1,4 +1,4 @@
-"""Waiting for processes to be as expected."""
+"""Wait for processes and threads to be as expected."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def is_alive(pid: int) -> bool:
     return True
 
 
-def wait_until(condition: Callable[[], bool], within_s: float = 20.0) -> None:
-    """Wait for a condition, or fail."""
+def wait_until(condition: Callable[[], bool], within_s: float = 60.0) -> None:
+    """Wait for a condition, for as long as a busy machine may take, or fail."""
     end = time.monotonic() + within_s
     while not condition():
         assert time.monotonic() < end, "it did not happen"
