@@ -245,7 +245,7 @@ def _to_data(gripper: ParallelGripper | OtherHand) -> dict[str, Any]:
     data: dict[str, Any] = {}
     for item in fields(gripper):
         value = getattr(gripper, item.name)
-        if value is not None and value != "":
+        if value is not None and not (isinstance(value, str) and not value):
             data[item.name] = np.asarray(value).tolist() if item.name in _NESTED else value
     return data
 
