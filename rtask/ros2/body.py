@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import UsageError
-from rtask.interop.ros.body import RobotModel
 from rtask.interop.ros.convert import JsonObject
+from rtask.interop.ros.robot_model import RobotModel
 from rtask.ros2.qos import latched
 
 __all__ = ["RobotBody"]
@@ -27,6 +27,7 @@ class RobotBody:
 
         self._node = node
         self._model: RobotModel | None = None
+        self._is_heard = False
         self._said: set[str] = set()
         self.subscription = node.create_subscription(
             String, "robot_description", self._take, latched(), callback_group=group
@@ -35,6 +36,8 @@ class RobotBody:
     def placed(self, lookup: Callable[[str], NDArray[np.float64]], base: str) -> list[JsonObject]:
         """Return the shapes of the body at the time of a lookup; see :class:`RobotModel`."""
         if self._model is None:
+            if not self._is_heard:
+                self._say("no robot_description was heard: nothing is known of the robot's body")
             return []
         shapes, unplaced = self._model.placed(lookup, base)
         if unplaced:
@@ -42,6 +45,7 @@ class RobotBody:
         return shapes
 
     def _take(self, message: Any) -> None:
+        self._is_heard = True
         try:
             self._model = RobotModel(message.data)
         except UsageError as error:
@@ -54,4 +58,4 @@ class RobotBody:
     def _say(self, words: str) -> None:
         if words not in self._said:
             self._said.add(words)
-            self._node.get_logger().warning(f"{words}; they may be taken for objects")
+            self._node.get_logger().warning(f"{words}; parts of the robot may be taken for objects")
