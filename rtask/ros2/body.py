@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rtask.errors import UsageError
 from rtask.interop.ros.convert import JsonObject
-from rtask.interop.ros.robot_model import RobotModel
+from rtask.interop.ros.robot.model import RobotModel
 from rtask.ros2.qos import latched
 
 __all__ = ["RobotBody"]
@@ -28,7 +28,7 @@ class RobotBody:
         self._node = node
         self._model: RobotModel | None = None
         self._is_heard = False
-        self._said: set[str] = set()
+        self._warned: set[str] = set()
         self.subscription = node.create_subscription(
             String, "robot_description", self._take, latched(), callback_group=group
         )
@@ -37,11 +37,11 @@ class RobotBody:
         """Return the shapes of the body at the time of a lookup; see :class:`RobotModel`."""
         if self._model is None:
             if not self._is_heard:
-                self._say("no robot_description was heard: nothing is known of the robot's body")
+                self._warn("no robot_description was heard: nothing is known of the robot's body")
             return []
         shapes, unplaced = self._model.placed(lookup, base)
         if unplaced:
-            self._say(f"TF does not say where {', '.join(unplaced)} of the robot's body are")
+            self._warn(f"TF does not say where {', '.join(unplaced)} of the robot's body are")
         return shapes
 
     def _take(self, message: Any) -> None:
@@ -50,12 +50,12 @@ class RobotBody:
             self._model = RobotModel(message.data)
         except UsageError as error:
             self._model = None
-            self._say(str(error))
+            self._warn(str(error))
             return
         for note in self._model.notes:
-            self._say(f"robot_description: {note}")
+            self._warn(f"robot_description: {note}")
 
-    def _say(self, words: str) -> None:
-        if words not in self._said:
-            self._said.add(words)
+    def _warn(self, words: str) -> None:
+        if words not in self._warned:
+            self._warned.add(words)
             self._node.get_logger().warning(f"{words}; parts of the robot may be taken for objects")

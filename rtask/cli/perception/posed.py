@@ -119,8 +119,8 @@ def _body(
     import numpy as np
 
     from features.imaging.recordings import robot_description
-    from rtask.interop.ros.body import body_of_json, body_pixels
-    from rtask.interop.ros.robot_model import RobotModel
+    from rtask.interop.ros.robot.body import body_of_json, body_pixels
+    from rtask.interop.ros.robot.model import RobotModel
 
     urdf = robot_description(file)
     if not urdf:

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from features.geometry import Frame
 from features.perception import Perceived, perceive
 from rtask.errors import DataError, RtaskError, UsageError
-from rtask.interop.ros.body import body_of_json, body_pixels
 from rtask.interop.ros.clouds import cloud_message, frame_of
 from rtask.interop.ros.convert import JsonObject, fill, make_message
 from rtask.interop.ros.looking import Look, SeeOptions, SeeRun
 from rtask.interop.ros.operations import Caller, Heard, refusal
 from rtask.interop.ros.perceived import box_of, look_of, points_of
-from rtask.interop.ros.robot_model import RobotModel
+from rtask.interop.ros.robot.body import body_of_json, body_pixels
+from rtask.interop.ros.robot.model import RobotModel
 from rtask.interop.ros.sampling import ACTION, AGAIN_S, candidates, sampling_goal, target_of
 from rtask.interop.ros.scene.exchange import SceneExchange
 from rtask.interop.ros.scene.source import SceneSource
@@ -72,7 +72,7 @@ class Eyes:
 
     def __init__(self, frame: str, urdf: str = "") -> None:
         self.frame = frame
-        self._said: set[str] = set()
+        self._warned: set[str] = set()
         self._model = self._model_of(urdf)
         self.camera = CameraTopics()
         self.transforms = Transforms()
@@ -92,8 +92,8 @@ class Eyes:
         return model
 
     def _warn(self, words: str) -> None:
-        if words not in self._said:
-            self._said.add(words)
+        if words not in self._warned:
+            self._warned.add(words)
             log.warning("%s; parts of the robot may be taken for objects", words)
 
     def look(self, since: Any) -> View:

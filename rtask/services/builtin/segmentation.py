@@ -262,9 +262,9 @@ class Segmentation(Service):
             and z in base64 in points, and as their size how far it may be from the next of them.
         """
         from features.perception import perceive
-        from rtask.interop.ros.body import body_of_json, body_pixels
         from rtask.interop.ros.clouds import cloud_rows
         from rtask.interop.ros.perceived import look_of, points_of
+        from rtask.interop.ros.robot.body import body_of_json, body_pixels
 
         view = _view(cloud, depth, image, camera_info, is_rectified)
         try:

@@ -61,7 +61,7 @@ def _(shell):
     folder, file = shell.folder / "locked", shell.folder / "token"
     rtask = shell.options.rtask.split()
     made = subprocess.run(
-        [*rtask, "token", "create", "robot", "--robot", "nao-2", "-d", str(folder), "--json"],
+        [*rtask, "token", "create", "--robot", "nao-2", "-d", str(folder), "--json"],
         env=own_python(), capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert made.returncode == 0, made.stderr

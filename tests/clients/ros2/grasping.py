@@ -14,7 +14,8 @@ from tests.clients.ros2.views import show, since
 # Where a Panda reaches over the table that RTASK gives it, m.
 GOAL = ("0.47", "0.1", "0.235")
 ABOUT_ARM = (
-    "from simulate.robots import describe; import json; "
+    "import control_msgs.action, json, rclpy; from importlib.metadata import distribution; "
+    "distribution('rtask-kg'); from simulate.robots import describe; "
     "arm, = describe('panda').arms.values(); "
     "print(json.dumps([arm.name, arm.joints, arm.home]))"
 )
@@ -121,7 +122,7 @@ def reach_with(shell, behaviour):
 def why_no_arm(shell):
     """Return why no arm can be moved here, or none; the command runs in a Python with rclpy."""
     done = subprocess.run(
-        [*shell.options.reach.split(), "-c", f"import rclpy, control_msgs.action; {ABOUT_ARM}"],
+        [*shell.options.reach.split(), "-c", ABOUT_ARM],
         cwd=ROOT, capture_output=True, text=True, check=False, timeout=120, env=os.environ,
     )  # fmt: skip
     if done.returncode:

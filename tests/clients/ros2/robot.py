@@ -90,10 +90,10 @@ class Robot:
         self.publishers[key].publish(message)
 
     def see_again(self, **fields):
-        """Send a goal until it succeeds, as long as only the newest transform is missing."""
+        """Send a goal again while a view or its transform was lost: best effort may lose them."""
         for _ in range(5):
             status, result, numbers = self.see(**fields)
-            if "no transform" not in result.refused:
+            if not re.search("no transform|within 5 s", result.refused):
                 break
         return status, result, numbers
 

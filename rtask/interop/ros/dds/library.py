@@ -22,8 +22,8 @@ def loaded_libraries(maps: Iterable[str]) -> list[str]:
     >>> loaded_libraries(["7f0 r-xp 00 08:01 42  /opt/ros/jazzy/lib/libddsc.so.0.10.2"])
     ['/opt/ros/jazzy/lib/libddsc.so.0.10.2']
     """
-    found = (_LIBRARY.search(line.rstrip()) for line in maps)
-    return sorted({match[1] for match in found if match})
+    matches = (_LIBRARY.search(line.rstrip()) for line in maps)
+    return sorted({match[1] for match in matches if match})
 
 
 def check_single_library() -> None:

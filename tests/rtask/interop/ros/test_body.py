@@ -7,8 +7,8 @@ import pytest
 
 from features.perception import perceive
 from rtask.errors import UsageError
-from rtask.interop.ros.body import body_of_json, body_pixels
-from rtask.interop.ros.robot_model import RobotModel
+from rtask.interop.ros.robot.body import body_of_json, body_pixels
+from rtask.interop.ros.robot.model import RobotModel
 from tests.rtask.interop.ros.scene import BASE_FROM_CAMERA, urdf_of, view
 
 

@@ -8,10 +8,10 @@ from scipy.spatial import cKDTree
 
 from features.perception import perceive
 from rtask.errors import DataError, UsageError
-from rtask.interop.ros.body import body_of_json, body_pixels
-from rtask.interop.ros.meshes import MeshFiles, read_mesh
-from rtask.interop.ros.robot_model import RobotModel
-from rtask.interop.ros.surface import MAX_POINTS, surface_of_mesh
+from rtask.interop.ros.robot.body import body_of_json, body_pixels
+from rtask.interop.ros.robot.meshes import MeshFiles, read_mesh
+from rtask.interop.ros.robot.model import RobotModel
+from rtask.interop.ros.robot.surface import MAX_POINTS, surface_of_mesh
 from tests.rtask.interop.ros.scene import BASE_FROM_CAMERA, view
 
 trimesh = pytest.importorskip("trimesh")

@@ -58,9 +58,9 @@ class MeshFiles:
                 if path.is_absolute() and path.is_file():
                     return path
             elif scheme == "package":
-                found = next(self._in_packages(inside), None)
-                if found is not None:
-                    return found
+                in_package = next(self._in_packages(inside), None)
+                if in_package is not None:
+                    return in_package
         return None
 
     def _in_packages(self, inside: str) -> Iterator[Path]:

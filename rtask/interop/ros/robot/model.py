@@ -11,9 +11,9 @@ import numpy as np
 
 from rtask.errors import DataError, UsageError
 from rtask.interop.ros.convert import JsonObject
-from rtask.interop.ros.meshes import MeshFiles, read_mesh
+from rtask.interop.ros.robot.meshes import MeshFiles, read_mesh
+from rtask.interop.ros.robot.surface import Surface, surface_of_mesh
 from rtask.interop.ros.scene.shapes import Floats, Solid
-from rtask.interop.ros.surface import Surface, surface_of_mesh
 
 __all__ = ["RobotModel", "checked_solid"]
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from rtask.errors import UsageError
 from rtask.interop.ros.convert import JsonObject
-from rtask.interop.ros.robot_model import checked_solid
+from rtask.interop.ros.robot.model import checked_solid
+from rtask.interop.ros.robot.surface import Surface, surface_of_text
 from rtask.interop.ros.scene.shapes import Floats, Solid
-from rtask.interop.ros.surface import Surface, surface_of_text
 
 __all__ = ["PADDING_M", "body_of_json", "body_pixels"]
 
