@@ -47,9 +47,11 @@ def body_of_json(shapes: Sequence[JsonObject]) -> list[Solid | Surface]:
         what = f"shape {number} of the body"
         if kind == "points":
             placed = checked_solid("sphere", (1.0,), pose, what).pose
+            if len(size) != 1:
+                raise UsageError(f"{what}: a size of {len(size)} numbers; expected a radius")
             try:
-                solids.append(surface_of_text(shape.get("points"), *size, placed))
-            except (TypeError, UsageError) as error:
+                solids.append(surface_of_text(shape.get("points"), size[0], placed))
+            except UsageError as error:
                 raise UsageError(f"{what}: {error}") from error
         else:
             solids.append(checked_solid(kind, size, pose, what))
