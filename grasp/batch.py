@@ -86,9 +86,9 @@ class BatchPlan:
             lowest = float(mesh.vertices[:, 2].min()) if len(mesh.vertices) else 0.0
             around = Surroundings(None if self.floating else Support(lowest))
             if isinstance(self.gripper, ParallelGripper):
-                found = plan_on_mesh(mesh, self.gripper, around, self.options)
+                proposals = plan_on_mesh(mesh, self.gripper, around, self.options)
             else:
-                found = plan_contacts(mesh, self.gripper, around, self.options)
-            return Planned(file.name, found)
+                proposals = plan_contacts(mesh, self.gripper, around, self.options)
+            return Planned(file.name, proposals)
         except ValueError as error:
             return Planned(file.name, Proposals(reason="the mesh cannot be used"), str(error))

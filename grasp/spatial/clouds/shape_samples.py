@@ -183,9 +183,9 @@ def _hull(
     away, which = cKDTree(seen).query(
         places[near], _NEIGHBOURS, distance_upper_bound=(_SURFACE_CELLS + 1) * cell
     )
-    found = np.isfinite(away)
-    which = np.where(found, which, 0)
-    weight = np.where(found, np.exp(-((away / cloud.voxel) ** 2) / 2), 0.0) + 1e-12 * found
+    near_by = np.isfinite(away)
+    which = np.where(near_by, which, 0)
+    weight = np.where(near_by, np.exp(-((away / cloud.voxel) ** 2) / 2), 0.0) + 1e-12 * near_by
     off = np.einsum("nki,nki->nk", places[near][:, None] - seen[which], normals[which])
     total = weight.sum(axis=1)
     distance = (weight * off).sum(axis=1) / np.maximum(total, 1e-30)
@@ -217,11 +217,11 @@ def _behind(
     index = np.minimum(np.floor((flat - low) / cell).astype(np.int64), size - 1)
     depth = np.full(tuple(size), np.inf)
     np.minimum.at(depth, (index[:, 0], index[:, 1]), local[:, 2])
-    known = np.isfinite(depth)
-    holes = ndimage.binary_closing(known, np.ones((3, 3)), iterations=2) & ~known
+    measured = np.isfinite(depth)
+    holes = ndimage.binary_closing(measured, np.ones((3, 3)), iterations=2) & ~measured
     if holes.any():
         nearest = ndimage.distance_transform_edt(
-            ~known, return_distances=False, return_indices=True
+            ~measured, return_distances=False, return_indices=True
         )
         depth[holes] = depth[tuple(nearest[:, holes])]
     spot = (places - camera) @ rotation.T

@@ -28,7 +28,7 @@ __all__ = ["with_shape_chance"]
 _DENSITY, _MASS_KG = 700.0, (0.03, 1.0)
 _COMPLIANCE_M, _IN_WALL_M = 0.002, 0.001
 _COLUMNS = 16
-_TOUCHING, _UNSURE = 0.5, 0.5
+_TOUCHING, _UNSURE = 0.2, 0.4
 _STRIDE, _LEAST_M, _THIN_M = 0.8, 0.001, 1e-4
 _PROBE = 0.7
 """Half of the way over which a slope is taken, in cells."""
@@ -62,8 +62,8 @@ def with_shape_chance(
 
     Notes
     -----
-    A draw in which the open hand is in the way of the sample counts half, and so does a grasp
-    whose ``confidence``, that of closing on the one guess of the shape, is 0.
+    A draw in which the open hand is in the way of the sample counts a fifth, and a grasp
+    whose ``confidence``, that of closing on the one guess of the shape, is 0 two fifths.
     """
     if not candidates:
         return []
