@@ -100,7 +100,13 @@ def add(turtle: str) -> str:
 POSE = ":p0 rt:"
 WAYPOINTS = ":g1 rt:graspPosture :tr . :tr rt:hasWaypoint :w0, :w1 . :w0 rt:waypointIndex 0 . "
 PLACED = ":w a rt:Placement ; rt:placementOf :th ; time:hasBeginning :i1e . "
-PLACEMENT_FAULTS = [
+PLACEMENT_PLACED = (
+    "rt:readingScore 0.9e0 ; rt:wordU 4.0e0 ; rt:wordV 4.0e0 ; rt:wordLength 9.0e0 ; "
+    "rt:wordHeight 3.0e0 ; rt:wordAngle 0.0e0"
+)
+WORD = ":w a rt:PrintedWord ; "
+
+FAULTS = [
     ":w time:hasEnd :i1b",
     ":w time:hasBeginning :i1b",
     ":w rt:placementOf :mug",
@@ -320,6 +326,13 @@ FAULTS = [
         add(":b a rt:BSplineModel ; rt:degree 3 ; rt:controlPointCount 3"),
     ),
     ("b", "BSplineModel", add(":b a rt:BSplineModel ; rt:degree 3")),
+    ("t", "TextReading", add(":t a rt:TextReading")),
+    ("w", "PrintedWord", add(WORD + PLACED)),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "a\\nb" ; {PLACED}')),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "a\\u202Eb" ; {PLACED}')),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "{81 * "a"}" ; {PLACED}')),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "a" ; {PLACED.replace("0.9e0", "1.9e0")}')),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "a" ; {PLACED.replace("3.0e0", "0.0e0")}')),
     ("y", "Symmetry", add(":y a rt:Symmetry ; rt:symmetryOrder 4")),
     ("f1", "PhysicsFeedback", drop(":f1 rt:verdict")),
     ("f1", "PhysicsFeedback", add(":f1 rt:holdTime -1.0e0")),

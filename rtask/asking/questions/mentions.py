@@ -14,6 +14,7 @@ import ontology
 from rtask.asking.questions.words import STOP, forms, stem
 from rtask.asking.terms import Reader
 from rtask.errors import RtaskError, UsageError
+from rtask.kb.search.text import single_words
 from rtask.rdf.terms import Literal, NamedNode, Term
 from rtask.sparql.results import Solutions
 
@@ -150,10 +151,20 @@ def with_called(
     ]  # fmt: skip
 
 
+_ON_PRINT = """
+  UNION {
+    VALUES ?word { %s }
+    ?line rt:wordToken ?word . ?reading rt:hasWord ?line . ?view rt:viewContent ?reading .
+    ?object rt:hasView ?view
+  }"""
+
+
 def find_by_part(
     select: Select, tokens: Sequence[str], places: Iterable[int], at_end: bool = False
 ) -> list[Mention]:
     """Return the objects whose names have a word of a question in them: "cartons" are carton-7.
+
+    So do objects on whose views the word was read: "the carton that says naturell".
 
     Parameters
     ----------
@@ -166,16 +177,20 @@ def find_by_part(
     """
     end = "[^a-z]*$" if at_end else "([^a-z]|$)"
     words = {
-        form: at for at in places for form in (tokens[at].lower(), stem(tokens[at].lower()))
+        form: at for at in places
+        for form in (tokens[at].lower(), stem(tokens[at].lower()), *single_words(tokens[at]))
         if len(form) >= MIN_PART and form.isalpha()
     }  # fmt: skip
     if not words:
         return []
+    written = " ".join(str(Literal(word)) for word in words)
     rows = select(f"""PREFIX rt: <{ontology.NS}>
 SELECT DISTINCT ?word ?object WHERE {{
-  VALUES ?word {{ {" ".join(str(Literal(word)) for word in words)} }}
-  ?object a rt:ManipulableObject ; rt:name ?name
-  FILTER(REGEX(?name, CONCAT("(^|[^a-z])", ?word, "{end}"), "i"))
+  {{
+    VALUES ?word {{ {written} }}
+    ?object a rt:ManipulableObject ; rt:name ?name
+    FILTER(REGEX(?name, CONCAT("(^|[^a-z])", ?word, "{end}"), "i"))
+  }}{"" if at_end else _ON_PRINT % written}
 }} LIMIT {MAX_MENTIONS + 1}""")
     named: dict[int, list[Term]] = {}
     for row in rows[:MAX_MENTIONS]:
