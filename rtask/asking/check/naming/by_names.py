@@ -68,7 +68,7 @@ class ByNames(Look):
             if self._evidence.matches(edge) and not self._fitting.is_contradicted(edge, context):
                 continue
             repairs = self._repairs.better_named(edge, value, context)
-            if repairs:
+            if repairs and not self._repairs.are_written(repairs):
                 self._blamed.add(id(edge))
                 words = (
                     f"nothing here has {local(node.value)}, and ?{value.value} "
