@@ -35,7 +35,7 @@ class WordParams:
         Letters and digits of a word that may contradict, of which at least so many are letters.
     max_alike
         Two words that are more alike say the same.
-    max_known
+    max_vocabulary
         A word of the query that is more like any word of the object, read on any of its views, is
         no other object's.
     min_overlap
@@ -49,7 +49,7 @@ class WordParams:
     min_score: float = 0.9
     min_letters: int = 4
     max_alike: float = 0.5
-    max_known: float = 0.6
+    max_vocabulary: float = 0.6
     min_overlap: float = 0.5
     max_size_ratio: float = 1.7
     max_turn: float = math.radians(20)
@@ -102,7 +102,7 @@ def contradicting_word(
     True
     """
     params = params or WordParams()
-    known = [folded(text) for text in vocabulary]
+    texts = [folded(text) for text in vocabulary]
     best: tuple[float, WordContradiction] | None = None
     for word in stored:
         placed = _carried(word, query_from_view) if _is_clear(word, params) else None
@@ -113,14 +113,14 @@ def contradicting_word(
         if any(likeness(text, folded(other.text)) > params.max_alike for other in here):
             continue
         for other in here:
-            if _contradicts(placed, other, known, params):
+            if _contradicts(placed, other, texts, params):
                 score = min(word.score, other.score)
                 if best is None or score > best[0]:
                     best = score, WordContradiction(other, word)
     return None if best is None else best[1]
 
 
-def _contradicts(placed: Word, other: Word, known: Sequence[str], params: WordParams) -> bool:
+def _contradicts(placed: Word, other: Word, texts: Sequence[str], params: WordParams) -> bool:
     """Tell whether another clear word, of no view of the object, stands in a word's place."""
     ratio = placed.height / other.height
     turn = abs(math.remainder(placed.angle - other.angle, 2 * math.pi))
@@ -129,7 +129,7 @@ def _contradicts(placed: Word, other: Word, known: Sequence[str], params: WordPa
     if max(ratio, 1 / ratio) > params.max_size_ratio or turn > params.max_turn:
         return False
     text = folded(other.text)
-    return all(likeness(text, one) <= params.max_known for one in known if len(one) > 1)
+    return all(likeness(text, word) <= params.max_vocabulary for word in texts if len(word) > 1)
 
 
 def _is_clear(word: Word, params: WordParams) -> bool:

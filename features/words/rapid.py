@@ -77,10 +77,10 @@ class RapidReader:
             size = (round(rgb.shape[1] * scale), round(rgb.shape[0] * scale))
             bgr = np.asarray(cv2.resize(bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
         with self._reading:
-            found = self._engine(bgr)
-        if found.boxes is None or found.txts is None or found.scores is None:
+            result = self._engine(bgr)
+        if result.boxes is None or result.txts is None or result.scores is None:
             return ()
-        lines = zip(found.txts, found.scores, found.boxes, strict=True)
+        lines = zip(result.txts, result.scores, result.boxes, strict=True)
         words = [
             Word.of_corners(str(text), float(score), np.asarray(box, np.float64) / scale)
             for text, score, box in list(lines)[:_MAX_LINES]

@@ -106,13 +106,13 @@ def words_of_view(reader: WordReader, rgb: UInt8Array, mask: NDArray[np.bool_]) 
         Pixels of the object: words whose middle lies beside it are on something else.
     """
     height, width = mask.shape
-    kept = []
+    legible = []
     for word in reader.read(rgb):
         column, row = (math.floor(value) for value in word.centre)
         is_on = 0 <= row < height and 0 <= column < width and bool(mask[row, column])
         if is_on and word.score >= _MIN_SCORE and folded(word.text):
-            kept.append(word)
-    return tuple(sorted(kept, key=lambda word: (-word.score, word.text))[:MAX_WORDS])
+            legible.append(word)
+    return tuple(sorted(legible, key=lambda word: (-word.score, word.text))[:MAX_WORDS])
 
 
 def cleaned(text: str) -> str:

@@ -242,7 +242,7 @@ def _rebuild(kb: KnowledgeBase, part: str, working: Working) -> str:
 
 def _rebuild_by_engine(kb: KnowledgeBase, part: str, working: Working) -> str:
     from rtask.engine import Engine
-    from rtask.engine.printed_words import default_reader
+    from rtask.engine.networks.printed_words import default_reader
 
     engine = Engine(kb, reader=default_reader() if part == _READ else None)
     try:

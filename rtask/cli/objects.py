@@ -87,7 +87,7 @@ def list_(data: Path, server: str | None, limit: int | None, as_json: bool) -> N
 def show(name: str, data: Path, server: str | None, limit: int | None, as_json: bool) -> None:
     """Show what is stored about the object NAME; an IRI may be one that it had before a merge."""
     from rtask.engine.curation.merging import present_name
-    from rtask.engine.printed_words import words_of_objects
+    from rtask.engine.networks.printed_words import words_of_objects
     from rtask.engine.stored import stored_models
     from rtask.errors import UnknownTermError
     from rtask.rdf.namespaces import RT

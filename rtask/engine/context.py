@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from rtask.engine.decision_log import FILE, DecisionLog
-from rtask.engine.embeddings import Embeddings
 from rtask.engine.grippers import GripperCatalogue
 from rtask.engine.honesty import HonestyCatalogue
 from rtask.engine.names import Names
+from rtask.engine.networks.embeddings import Embeddings
+from rtask.engine.networks.printed_words import PrintedWords
 from rtask.engine.observation import Observation
 from rtask.engine.policy import Policy
 from rtask.engine.population import PopulationCatalogue
-from rtask.engine.printed_words import PrintedWords
 from rtask.engine.stored import Models, Recent
 from rtask.engine.terms import ClassCatalogue, TermCatalogue, failure_reasons
 from rtask.engine.upkeep import Upkeep

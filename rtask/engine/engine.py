@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from rtask.engine.context import Context
 from rtask.engine.memory.statistics import rebuild
+from rtask.engine.networks.printed_words import reader_by_environment
 from rtask.engine.operations.operation import Operation
 from rtask.engine.operations.table import OPERATIONS
 from rtask.engine.perception.growth import rebuild_models
 from rtask.engine.perception.reading import read_stored_views
 from rtask.engine.policy import Policy
-from rtask.engine.printed_words import reader_by_environment
 from rtask.errors import UnknownTermError, UnsupportedError, nearest
 from rtask.extras import naming_extras
 from rtask.kb.commit.access import Access

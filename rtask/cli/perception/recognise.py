@@ -169,7 +169,7 @@ def _recognised(
     """Recognise the objects by the views of a folder."""
     from rtask.cli.perception.pictures import recognition_picture
     from rtask.cli.perception.recognition import index_of, look, with_pose
-    from rtask.engine.printed_words import PrintedWords, reader_by_environment
+    from rtask.engine.networks.printed_words import PrintedWords, reader_by_environment
     from rtask.engine.stored import Models
 
     with open_to_read(data) as kb:

@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from features.geometry import Frame
     from features.recognition import Recognition as Answer
     from features.recognition import RecognitionIndex, ViewFeatures
+    from rtask.engine.networks.printed_words import PrintedWords
     from rtask.engine.observation import Observation
     from rtask.engine.perception.poses import ObjectPose
-    from rtask.engine.printed_words import PrintedWords
     from rtask.engine.stored import Models
     from rtask.knowledge_base import KnowledgeBase
 

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from rtask.engine.printed_words import objects_that_say
+from rtask.engine.networks.printed_words import objects_that_say
 from rtask.engine.terms import folded
 from rtask.kb.search.text import single_words
 from rtask.rdf.namespaces import RT
@@ -179,9 +179,9 @@ def _printed(context: Context, wish: str, left: list[str]) -> tuple[list[Sense],
     """
     tokens = {token: _stem(token) for token in single_words(wish) if _stem(token) in left}
     long = [token for token in tokens if len(token) >= _MIN_PRINTED]
-    found = objects_that_say(context.kb, long, _MAX_PRINTED)
-    senses = [Sense("print", objects, token) for token, objects in found.items()]
-    said = {tokens[token] for token in found}
+    objects_of = objects_that_say(context.kb, long, _MAX_PRINTED)
+    senses = [Sense("print", objects, token) for token, objects in objects_of.items()]
+    said = {tokens[token] for token in objects_of}
     return senses, [word for word in left if word not in said]
 
 

@@ -21,8 +21,8 @@ from rtask.engine.words import contradiction_words
 if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex
     from features.recognition.recogniser import Recogniser, Recognition
-    from rtask.engine.embeddings import Embeddings
-    from rtask.engine.printed_words import PrintedWords
+    from rtask.engine.networks.embeddings import Embeddings
+    from rtask.engine.networks.printed_words import PrintedWords
 
 __all__ = ["has_rivals", "is_plausible", "recognise", "settle", "verdict"]
 

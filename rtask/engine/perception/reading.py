@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rtask.engine.networks.printed_words import PrintedWords, UnreadView, unread_views
 from rtask.engine.perception.images import decode_picture
 from rtask.engine.perception.observation import stored_frame
-from rtask.engine.printed_words import PrintedWords, UnreadView, unread_views
 from rtask.engine.triples import Triples
 from rtask.errors import MissingBlobError, UsageError
 
@@ -47,18 +47,18 @@ def read_stored_views(context: Context, progress: Progress | None = None) -> tup
     unread = unread_views(context.kb)
     read, count, failed = 0, 0, 0
     for start in range(0, len(unread), _VIEWS_OF_COMMIT):
-        found: list[tuple[UnreadView, tuple[Word, ...]]] = []
+        readings: list[tuple[UnreadView, tuple[Word, ...]]] = []
         for number, row in enumerate(unread[start : start + _VIEWS_OF_COMMIT], start + 1):
             on_view = _words_of(context, words, row)
             if on_view is None:
                 failed += 1
             else:
-                found.append((row, on_view))
+                readings.append((row, on_view))
                 count += len(on_view)
             if progress is not None:
                 progress(number, len(unread))
-        _state(context, words, found)
-        read += len(found)
+        _state(context, words, readings)
+        read += len(readings)
     return read, count, failed
 
 
@@ -78,14 +78,14 @@ def _words_of(context: Context, words: PrintedWords, row: UnreadView) -> tuple[W
 
 
 def _state(
-    context: Context, words: PrintedWords, found: list[tuple[UnreadView, tuple[Word, ...]]]
+    context: Context, words: PrintedWords, readings: list[tuple[UnreadView, tuple[Word, ...]]]
 ) -> None:
     """State readings in the graphs of their views, so that both go together."""
-    if not found:
+    if not readings:
         return
     rights = context.kb.access()
     with context.writing, context.kb.transaction(note="read words") as tx:
-        for row, on_view in found:
+        for row, on_view in readings:
             triples = Triples()
             words.state(triples, row.view, on_view)
             graph = row.graph if rights.may_write(row.graph) else None

@@ -8,7 +8,7 @@ import pytest
 import rtask
 from rtask.asking.questions import answer
 from rtask.engine import Engine
-from rtask.engine.printed_words import unread_views, words_of_objects
+from rtask.engine.networks.printed_words import unread_views, words_of_objects
 from rtask.errors import MissingExtraError, UsageError
 from rtask.rdf.namespaces import PREFIXES, RT
 from tests.features.words.printed_cartons import StandInReader, carton, photograph

@@ -148,10 +148,10 @@ class PrintedWords:
         first = recognition.matches[0] if recognition.accepted else None
         if first is None or first.homography is None or not _is_sibling_near(recognition):
             return recognition
-        found = self._contradiction(first, seen)
-        if found is None:
+        contradiction = self._contradiction(first, seen)
+        if contradiction is None:
             return recognition
-        doubted = replace(first, words=found, confidence=min(first.confidence, 0.5))
+        doubted = replace(first, words=contradiction, confidence=min(first.confidence, 0.5))
         matches = sorted((doubted, *recognition.matches[1:]), key=lambda match: -match.confidence)
         return replace(
             recognition,
@@ -215,7 +215,7 @@ def objects_that_say(kb: GraphCore, tokens: Iterable[str], most: int) -> dict[st
     tokens
         As :func:`rtask.kb.search.text.single_words` gives them; words that none shows are left out.
     """
-    found = {}
+    objects = {}
     for token in dict.fromkeys(tokens):
         rows = kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?object WHERE {{
@@ -223,8 +223,8 @@ SELECT DISTINCT ?object WHERE {{
   ?view rt:viewContent ?reading . ?object rt:hasView ?view
 }} ORDER BY ?object LIMIT {most}""")
         if rows:
-            found[token] = tuple(str(row.value("object")) for row in rows)
-    return found
+            objects[token] = tuple(str(row.value("object")) for row in rows)
+    return objects
 
 
 def words_of_objects(kb: GraphCore | Graph, objects: Iterable[str]) -> dict[str, tuple[Word, ...]]:
