@@ -677,6 +677,9 @@ class SimilarObjects(TypedDict):
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
     views_untried: NotRequired[int]
+    word_seen: NotRequired[str]
+    word_stored: NotRequired[str]
+    message: NotRequired[str]
 
 
 class OfferedObject(TypedDict):
@@ -1186,6 +1189,9 @@ class Taught(TypedDict):
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
     views_untried: NotRequired[int]
+    word_seen: NotRequired[str]
+    word_stored: NotRequired[str]
+    message: NotRequired[str]
     stored: NotRequired[int]
     commit: NotRequired[str]
     objects: NotRequired[list[InsertedObject]]
