@@ -250,6 +250,12 @@ def _answered(
             return _unanswered(text, reading, words, nearest)
     sparql = counts.listed if counts is not None else sparql
     unused = unused_mentions(question, filled, reading.mentions)
+    if out_of_place := _individual(unused, reading):
+        words = (
+            f"The nearest question, {question.text!r}, is not about {out_of_place!r}: an answer "
+            "would be about others. Ask without it, or ask another question."
+        )
+        return _unanswered(text, reading, words, nearest)
     if reading.period is not None and all(item.period is None for item in filled):
         unused.append(reading.period.text)
     reading = replace(reading, ignored=(*reading.ignored, *unused))
@@ -275,6 +281,16 @@ def _answered(
         why_of(run, rows, sparql),
         count,
     )
+
+
+def _individual(unused: list[str], reading: _Reading) -> str:
+    """Return a name, of a single thing or robot, for which the question has no place; or nothing.
+
+    A kind without a place makes an answer wider; a name without one makes it one about others.
+    """
+    individuals = {item.text for item in reading.mentions if item.role in _INDIVIDUALS}
+    kinds = {item.text for item in reading.mentions if item.role not in _INDIVIDUALS}
+    return next((name for name in unused if name in individuals - kinds), "")
 
 
 def _by_role(filled: list[Filled]) -> dict[str, tuple[str, tuple[str, ...]]]:
@@ -399,6 +415,9 @@ def _nearest(matches: list[Match]) -> tuple[Near, ...]:
     return tuple(groups.values())[:_LISTED]
 
 
+_INDIVIDUALS = frozenset(
+    ["object", "robot", "place", "task", "grasp", "frame", "recognition", "cloud", "hand"]
+)
 _BEFORE_A_NAME = frozenset(re.findall(r"\w+", "the a an this that my our any of with at for to"))
 
 
@@ -415,7 +434,8 @@ def _missing(question: Question, filled: list[Filled], reading: _Reading) -> str
     for at, token in enumerate(reading.tokens):
         before = reading.tokens[at - 1].lower() if at else ""
         is_name = token.lower() in reading.ignored or token.startswith('"')
-        if is_name and (is_essential or token.startswith('"') or before in _BEFORE_A_NAME):
+        is_written_so = token.startswith('"') or (at > 0 and token[0].isupper())
+        if is_name and (is_essential or is_written_so or before in _BEFORE_A_NAME):
             return token.strip('"')
     return ""
 

@@ -224,6 +224,21 @@ def test_a_word_of_names_stands_for_all_that_have_it(kb: KnowledgeBase) -> None:
     assert not answer(kb, "where are the ettles?").is_understood
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("which colour does pr2 have?", "is not about 'pr2'"),
+        ("where is Ann?", "Nothing in the graph is called 'Ann'"),
+    ],
+)
+def test_a_name_without_a_place_gets_no_answer_about_others(
+    kb: KnowledgeBase, text: str, said: str
+) -> None:
+    found = answer(kb, text)
+    assert said in found.sentence
+    assert not found.is_understood
+
+
 def test_words_without_a_place_are_named(kb: KnowledgeBase) -> None:
     found = answer(kb, "which robots are manipulators today?")
     assert found.sentence.endswith("Not considered: today.")
