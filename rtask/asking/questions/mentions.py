@@ -29,7 +29,7 @@ _ROLES = {
     "object": "rt:ManipulableObject", "robot": "cora:Robot", "task": "rt:Task",
     "grasp": "rt:GraspConfiguration", "frame": "rt:Frame", "recognition": "rt:RecognitionResult",
     "cloud": "rt:PointCloud", "use": "rt:ObjectFunction",
-    "colour": "rt:Colour", "trait": "rt:ObjectTrait",
+    "colour": "rt:Colour", "trait": "rt:ObjectTrait", "place": "rt:SupportSurface",
 }  # fmt: skip
 _KINDS = {"kind": "rt:ManipulableObject", "robot_kind": "cora:Robot"}
 _TOKEN = re.compile(
@@ -129,6 +129,7 @@ def find_mentions(
                 all(is_plural for _, is_plural in named), is_cut)
         for (start, end, role), named in result.items()
     ]  # fmt: skip
+    mentions = [item for item in mentions if not _asks_how(tokens, item)]
     return sorted(_longest(mentions), key=lambda item: (item.start, item.role))
 
 
@@ -153,7 +154,7 @@ def with_called(
 def find_by_part(
     select: Select, tokens: Sequence[str], places: Iterable[int], at_end: bool = False
 ) -> list[Mention]:
-    """Return the objects whose names have a word of a question in them: "cartons" are carton-7.
+    """Return what has a word of a question in its name: "cartons" are carton-7, "a nao" is nao-1.
 
     Parameters
     ----------
@@ -162,7 +163,8 @@ def find_by_part(
     places
         Where the words stand that mean nothing else.
     at_end
-        The word must be the name's last, as the head of an English noun: a pen box is no pen.
+        Only objects, and the word must be the name's last, as the head of an English noun: a pen
+        box is no pen.
     """
     end = "[^a-z]*$" if at_end else "([^a-z]|$)"
     words = {
@@ -171,22 +173,25 @@ def find_by_part(
     }  # fmt: skip
     if not words:
         return []
-    rows = select(f"""PREFIX rt: <{ontology.NS}>
-SELECT DISTINCT ?word ?object WHERE {{
+    prefixes = f"PREFIX rt: <{ontology.NS}>\nPREFIX cora: <{ontology.PREFIXES['cora']}>"
+    whole = "" if at_end else '("robot" cora:Robot)'
+    rows = select(f"""{prefixes}
+SELECT DISTINCT ?word ?named ?role WHERE {{
   VALUES ?word {{ {" ".join(str(Literal(word)) for word in words)} }}
-  ?object a rt:ManipulableObject ; rt:name ?name
+  VALUES (?role ?top) {{ ("object" rt:ManipulableObject) {whole} }}
+  ?named a ?top ; rt:name ?name
   FILTER(REGEX(?name, CONCAT("(^|[^a-z])", ?word, "{end}"), "i"))
 }} LIMIT {MAX_MENTIONS + 1}""")
-    named: dict[int, list[Term]] = {}
+    called: dict[tuple[int, str], list[Term]] = {}
     for row in rows[:MAX_MENTIONS]:
-        word, term = row["word"], row["object"]
+        word, term = row["word"], row["named"]
         assert word is not None
         assert term is not None
-        named.setdefault(words[_text(word)], []).append(term)
+        called.setdefault((words[_text(word)], str(row.value("role"))), []).append(term)
     is_cut = len(rows) > MAX_MENTIONS
     return [
-        Mention(at, at + 1, tokens[at], "object", tuple(dict.fromkeys(terms)), is_cut=is_cut)
-        for at, terms in sorted(named.items())
+        Mention(at, at + 1, tokens[at], role, tuple(dict.fromkeys(terms)), is_cut=is_cut)
+        for (at, role), terms in sorted(called.items())
     ]
 
 
@@ -237,6 +242,11 @@ def _is_modal(tokens: list[str], start: int, end: int) -> bool:
     """Return whether a stretch is the verb "can" rather than the object."""
     before = tokens[start - 1].lower() if start else ""
     return end - start == 1 and tokens[start].lower() == "can" and before not in _DETERMINERS
+
+
+def _asks_how(tokens: Sequence[str], item: Mention) -> bool:
+    """Return whether a trait is asked for, as in "how heavy is it?", and does not name a thing."""
+    return item.role == "trait" and item.start > 0 and tokens[item.start - 1].lower() == "how"
 
 
 def _is_term(token: str) -> bool:

@@ -42,6 +42,9 @@ class Thing(Model):
     ----------
     at_time
         The time at which it held or was made, with its time zone.
+    beyond_reach_of
+        The end effector does not get to the place, though another one of its robot may
+        (rt:reaches): the left hand of a robot to what stands on its right.
     can_grasp
         The robot's opening, payload and capability suffice for the object: its mass is
         stated, or an end effector of no greater payload has lifted it (rule R2).
@@ -169,6 +172,7 @@ class Thing(Model):
 
     iri: Identity = Identity()
     at_time: One[datetime.datetime] = One(_RT + "atTime", _XSD + "dateTimeStamp", functional=True)
+    beyond_reach_of: Links[EndEffector] = Links(_RT + "beyondReachOf", _RT + "EndEffector")
     can_grasp: Links[Thing] = Links(_RT + "canGrasp", _OWL + "Thing")
     can_perform: Links[Thing] = Links(_RT + "canPerform", _OWL + "Thing")
     centre_of_mass_sigma: One[float] = One(_RT + "centreOfMassSigma", _XSD + "double", unit="M")

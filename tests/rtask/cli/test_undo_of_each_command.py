@@ -32,6 +32,7 @@ _OTHERS = {
     "backup": "makes a folder of its own", "restore": "as backup", "demo": "as backup",
     "simulate fetch": "reports as a robot does; contributors withdraw, forget and undo mend it",
     "simulate tasks": "as simulate fetch; tasks cancel ends its plans",
+    "simulate crew": "as simulate tasks",
     "service save": "a server keeps each version of a pipeline",
     "service call": "what the service does", "service run": "what the script does",
     "ros2 dds call": "what the operation does", "mcp": "what the agent calls",

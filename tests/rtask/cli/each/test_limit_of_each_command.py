@@ -35,7 +35,8 @@ _WITHOUT = {
     "writes all of it, as a file": "export, world export",
     "is bounded by LIMIT in the query": "query",
     "tabulates the trials that its options ask for": """
-        demo, simulate tasks, learn benchmark, service benchmark, simulate act-test place,
+        demo, simulate tasks, simulate crew, learn benchmark, service benchmark,
+        simulate act-test place,
         simulate act-test reach, simulate act-test workspace, study asking-price, study attempts,
         study day, study demo,
         study grasp-quality, study grasp-views, study grasping, study hands, study judging,

@@ -89,7 +89,7 @@ _OTHERS = {
     "choices": "action kinds names only verdict gripper_type",
     "robots and ROS": """
         base_frame distortion eliminate frame gripper heights jaws joints limit look name
-        namespace naoqi on operation prefix remaps ros_args rosbridge source topic""",
+        namespace naoqi on operation prefix remaps ros_args rosbridge source tables topic""",
 }
 """Other parameters that are texts, by what they take instead."""
 _VARYING = re.compile(r'"seconds": [\d.e-]+|rtk_\w+|\b[0-9a-f]{12}\b|made \S+')
