@@ -79,7 +79,7 @@ def test_each_thing_is_a_box_on_its_place_above_a_disc_of_its_uncertainty(
     assert array.markers[0].action == DELETE_ALL
     assert {m.action for m in array.markers[1:]} == {ADD}
     assert {m.header.frame_id for m in array.markers} == {"map"}
-    assert {(m.header.stamp.sec, m.header.stamp.nanosec) for m in array.markers} == {(0, 0)}
+    assert {(m.header.stamp.secs, m.header.stamp.nsecs) for m in array.markers} == {(0, 0)}
     found = by_namespace(array)
     names = [(m.ns, m.id) for m in array.markers[1:]]
     assert len(names) == len(set(names)), "rviz would draw one over the other"
