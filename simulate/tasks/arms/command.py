@@ -53,8 +53,8 @@ def crew(
 
     Arms, hands and cameras are in physics. The robots look what stands on their tables, ask for a
     plan, and carry it out: look, recognise, choose a grasp with the graph, move, lift, put down,
-    judge. What fails is planned again. A step takes some 10 s of one core. Exit code 1 unless the
-    goal is reached or declined.
+    judge. What fails is planned again. A step takes some 3 to 10 s of one core. Exit code 1 unless
+    the goal is reached or declined.
     """
     from simulate.tasks.arms.working import Settings, crew_at_tables, layouts_of
     from simulate.world.animation import check_film
