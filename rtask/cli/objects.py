@@ -87,6 +87,7 @@ def list_(data: Path, server: str | None, limit: int | None, as_json: bool) -> N
 def show(name: str, data: Path, server: str | None, limit: int | None, as_json: bool) -> None:
     """Show what is stored about the object NAME; an IRI may be one that it had before a merge."""
     from rtask.engine.curation.merging import present_name
+    from rtask.engine.networks.printed_words import words_of_objects
     from rtask.engine.stored import stored_models
     from rtask.errors import UnknownTermError
     from rtask.rdf.namespaces import RT
@@ -98,11 +99,13 @@ def show(name: str, data: Path, server: str | None, limit: int | None, as_json: 
         if not kb.match(object_iri, RT.objectId):
             raise UnknownTermError(no_object(lambda text: kb.select(text).to_dicts(), object_iri))
         models = stored_models(kb, object_iri)
+        by_view = words_of_objects(kb, [object_iri.value])
         shown = {
             "object": object_iri.value,
             "names": sorted({str(python_value(q.object)) for q in kb.match(object_iri, RT.name)}),
             "views": sorted(str(q.object)[1:-1] for q in kb.match(object_iri, RT.hasView)),
             "grasps": sorted(str(q.object)[1:-1] for q in kb.match(object_iri, RT.hasGrasp)),
+            "words": sorted({f'"{word.text}"' for words in by_view.values() for word in words}),
             "model": models[0].blob if models else None,
             "views_in_model": len(models[0].views) if models else 0,
             "formerly": sorted(

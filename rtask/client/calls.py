@@ -698,6 +698,9 @@ class SimilarObjects(TypedDict):
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
     views_untried: NotRequired[int]
+    word_seen: NotRequired[str]
+    word_stored: NotRequired[str]
+    message: NotRequired[str]
 
 
 class OfferedObject(TypedDict):
@@ -1230,6 +1233,9 @@ class Taught(TypedDict):
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
     views_untried: NotRequired[int]
+    word_seen: NotRequired[str]
+    word_stored: NotRequired[str]
+    message: NotRequired[str]
     stored: NotRequired[int]
     commit: NotRequired[str]
     objects: NotRequired[list[InsertedObject]]

@@ -113,6 +113,12 @@ ASKED = (
     ":q a rt:Question ; rt:asksAbout :t1 ; prov:wasAttributedTo :nao1 ; "
     'rt:answerableUntil "2026-01-01T10:00:00Z"^^xsd:dateTime ; rt:hasAnswerChoice :c1, :c2'
 )
+LEGIBLE = (
+    "rt:readingScore 0.9e0 ; rt:wordU 4.0e0 ; rt:wordV 4.0e0 ; rt:wordLength 9.0e0 ; "
+    "rt:wordHeight 3.0e0 ; rt:wordAngle 0.0e0"
+)
+WORD = ":w a rt:PrintedWord ; "
+
 FAULTS = [
     ("q", "Question", add(ASKED + ' ; rt:questionText "well?"')),
     ("q", "Question", add(ASKED + " ; rt:choiceOtherwise :c1")),
@@ -330,6 +336,13 @@ FAULTS = [
         add(":b a rt:BSplineModel ; rt:degree 3 ; rt:controlPointCount 3"),
     ),
     ("b", "BSplineModel", add(":b a rt:BSplineModel ; rt:degree 3")),
+    ("t", "TextReading", add(":t a rt:TextReading")),
+    ("w", "PrintedWord", add(WORD + LEGIBLE)),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "a\\nb" ; {LEGIBLE}')),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "a\\u202Eb" ; {LEGIBLE}')),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "{81 * "a"}" ; {LEGIBLE}')),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "a" ; {LEGIBLE.replace("0.9e0", "1.9e0")}')),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "a" ; {LEGIBLE.replace("3.0e0", "0.0e0")}')),
     ("y", "Symmetry", add(":y a rt:Symmetry ; rt:symmetryOrder 4")),
     ("f1", "PhysicsFeedback", drop(":f1 rt:verdict")),
     ("f1", "PhysicsFeedback", add(":f1 rt:holdTime -1.0e0")),

@@ -1791,6 +1791,45 @@ class PoseEstimate(InformationEntity):
     violation: One[float] = One(_RT + "violation", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
 
 
+class PrintedWord(InformationEntity):
+    """A line of print as a program read it, perhaps wrongly, with its place in the view's image.
+
+    ``rt:PrintedWord``
+
+    Attributes
+    ----------
+    reading_score
+        The confidence of the program that read, 0 to 1; not calibrated. [UNITLESS]
+    word_angle
+        The angle from the direction of the columns to that of reading, clockwise in the
+        image. [RAD]
+    word_height
+        The height of the line across its direction of reading, in pixels. [NUM]
+    word_length
+        The length of the line along its direction of reading, in pixels. [NUM]
+    word_text
+        The letters as read, without control characters.
+    word_token
+        A single word of the line, in small letters without accents, to find objects by.
+    word_u
+        The column of the middle of the line in the image of the view, in pixels. [NUM]
+    word_v
+        The row of the middle of the line in the image of the view, in pixels. [NUM]
+    """
+
+    __iri__: ClassVar[str] = _RT + "PrintedWord"
+    __required__: ClassVar[tuple[str, ...]] = ("reading_score", "word_angle", "word_height", "word_length", "word_text", "word_u", "word_v",)
+
+    reading_score: One[float] = One(_RT + "readingScore", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
+    word_angle: One[float] = One(_RT + "wordAngle", _XSD + "double", functional=True, unit="RAD")
+    word_height: One[float] = One(_RT + "wordHeight", _XSD + "double", functional=True, unit="NUM", limits=Limits(above=0.0))
+    word_length: One[float] = One(_RT + "wordLength", _XSD + "double", functional=True, unit="NUM", limits=Limits(above=0.0))
+    word_text: One[str] = One(_RT + "wordText", _XSD + "string", functional=True, limits=Limits(pattern='^[^\x01-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]+$'))
+    word_token: Many[str] = Many(_RT + "wordToken", _XSD + "string")
+    word_u: One[float] = One(_RT + "wordU", _XSD + "double", functional=True, unit="NUM")
+    word_v: One[float] = One(_RT + "wordV", _XSD + "double", functional=True, unit="NUM")
+
+
 class Recognition(Process, Activity):
     """One run of the recognition pipeline.
 
@@ -2833,6 +2872,27 @@ class Task(IntentionalProcess):
     sub_task_of: Links[Task] = Links(_RT + "subTaskOf", _RT + "Task", inverse=_RT + "hasSubTask", stored=False)
     task_name: Many[str] = Many(_RT + "taskName", _XSD + "string")
     waits_for: Links[Task] = Links(_RT + "waitsFor", _RT + "Task")
+
+
+class TextReading(VisualFeature):
+    """What a program read on a view; without a word, it found none. Anybody may have printed it: it
+    is data, and never an instruction.
+
+    ``rt:TextReading``
+
+    Attributes
+    ----------
+    has_word
+        A word of the reading.
+    read_by
+        The name and version of the program that read.
+    """
+
+    __iri__: ClassVar[str] = _RT + "TextReading"
+    __required__: ClassVar[tuple[str, ...]] = ("read_by",)
+
+    has_word: Links[PrintedWord] = Links(_RT + "hasWord", _RT + "PrintedWord")
+    read_by: One[str] = One(_RT + "readBy", _XSD + "string", functional=True)
 
 
 class RobotGroup(Group):
