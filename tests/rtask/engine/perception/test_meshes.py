@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rtask.engine.records.shapes import object_shape
 from rtask.errors import DataError, UnknownTermError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES, PROV, RT
@@ -132,3 +133,33 @@ def test_bytes_that_are_no_surface_are_none(engine: Any) -> None:
     blob = engine.kb.blobs.put(b"ply\nformat ascii 1.0\nend_header\n", "model/ply")
     assert read_surface(engine.kb, blob.iri.value) is None
     assert read_surface(engine.kb, "urn:sha256:" + "0" * 64) is None
+
+
+def test_a_good_surface_is_planned_on_where_that_is_asked_for(
+    bench: Any, engine: Any, known: tuple[Any, Any, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, box, thing = known
+    robot.insert(bench.sight(box.at(0.16, -0.06, -0.5)), object=thing)
+    assert object_shape(engine.context, thing, surface=True).kind == "model", "there is none"
+    made = robot.call("reconstruct_mesh", object=thing)
+    assert object_shape(engine.context, thing, surface=True).kind == "model", "two views are few"
+    monkeypatch.setattr("rtask.engine.records.shapes._MIN_VIEWS", 2)
+    monkeypatch.setattr("rtask.engine.records.shapes._MIN_SEEN", 0.3)
+    assert object_shape(engine.context, thing).kind == "model", "nobody asked for it"
+    shape = object_shape(engine.context, thing, surface=True)
+    assert (shape.kind, shape.sources) == ("mesh", (made["mesh"],))
+    assert shape.mesh is not None
+    monkeypatch.setattr("rtask.engine.records.shapes._MAX_RESIDUAL_M", 1e-6)
+    assert object_shape(engine.context, thing, surface=True).kind == "model"
+
+
+def test_a_stale_surface_is_not_planned_on(
+    bench: Any, engine: Any, known: tuple[Any, Any, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rtask.engine.records.shapes._MIN_VIEWS", 1)
+    monkeypatch.setattr("rtask.engine.records.shapes._MIN_SEEN", 0.2)
+    robot, box, thing = known
+    robot.call("reconstruct_mesh", object=thing)
+    assert object_shape(engine.context, thing, surface=True).kind == "mesh"
+    robot.insert(bench.sight(box.at(0.16, -0.06, -0.5)), object=thing)
+    assert object_shape(engine.context, thing, surface=True).kind == "model"
