@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import rtask
+from grasp.spatial.meshes.mesh_files import mesh_from_ply
+from rtask.cli import main
+from rtask.engine import Engine
 from rtask.engine.records.shapes import object_shape
 from rtask.errors import DataError, UnknownTermError
 from rtask.kb.commit.access import Access
@@ -163,3 +168,29 @@ def test_a_stale_surface_is_not_planned_on(
     assert object_shape(engine.context, thing, surface=True).kind == "mesh"
     robot.insert(bench.sight(box.at(0.16, -0.06, -0.5)), object=thing)
     assert object_shape(engine.context, thing, surface=True).kind == "model"
+
+
+def test_the_command_reconstructs_writes_a_file_and_says_how_to_undo_it(
+    bench: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, target = tmp_path / "kb", tmp_path / "box.ply"
+    with rtask.open(folder, base="urn:lab/", reason=False) as kb, Engine(kb) as engine:
+        robot = bench.Robot("nao-1", engine)
+        robot.call("register_robot", **bench.registration("nao-1", "right_hand"))
+        robot.insert(bench.sight(bench.Thing(SIZE, texture_seed=1)), name="tea box")
+
+    def run(*words: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as end:
+            main([*words, "--data", str(folder)])
+        return (int(str(end.value.code or 0)), *capsys.readouterr())
+
+    code, out, err = run("objects", "mesh", "tea box", "--out", str(target))
+    assert code == 0, err
+    assert "of it seen in 1 view, " in out
+    assert "undo: rtask undo" in err
+    mesh = mesh_from_ply(target.read_bytes())
+    assert abs(mesh.extent[2] - SIZE[2]) < 0.008
+    code, _, err = run("objects", "mesh", "tea box")
+    assert (code, "known already" in err) == (0, True)
+    assert "--again" in err
+    assert run("objects", "mesh", "nothing")[0] == 1
