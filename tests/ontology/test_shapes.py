@@ -161,6 +161,16 @@ FAULTS = [
     ("mugCloud", "Bytes", drop(":mugCloud rt:hasBlob")),
     ("i", "Bytes", add(":i a rt:Image2D")),
     ("i", "Bytes", add(":i a rt:TriangleMesh")),
+    ("i", "ReconstructedMesh", add(":i a rt:TriangleMesh ; rt:seenShare 0.5e0")),
+    (
+        "i",
+        "ReconstructedMesh",
+        add(
+            ":i a rt:TriangleMesh ; rt:seenShare 1.5e0 ; rt:medianResidual 0.001e0 ; "
+            'rt:residual90 0.002e0 ; rt:isWatertight true ; rt:reconstructionMethod "m" ; '
+            "prov:wasDerivedFrom :m"
+        ),
+    ),
     ("v1", "View", drop(":v1 rt:viewOf")),
     ("v1", "View", drop(":v1 rt:viewContent")),
     ("r1", "RecognitionResult", drop(":r1 rt:recognitionConfidence")),

@@ -2770,6 +2770,11 @@ class ShapeModel(VisualFeature):
         The number of faces of a mesh. [NUM]
     knot_count
         The number of knots of the B-spline. [NUM]
+    median_residual
+        The median distance of the measured points from the surface that was fitted to them.
+        [M]
+    residual90
+        The distance from the fitted surface within which 90 % of the measured points lie. [M]
     rms_residual
         The root mean square distance between the model and the points it was fitted to. [M]
     vertex_count
@@ -2782,6 +2787,8 @@ class ShapeModel(VisualFeature):
     degree: One[int] = One(_RT + "degree", _XSD + "positiveInteger", functional=True, unit="NUM")
     face_count: One[int] = One(_RT + "faceCount", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
     knot_count: One[int] = One(_RT + "knotCount", _XSD + "positiveInteger", functional=True, unit="NUM")
+    median_residual: One[float] = One(_RT + "medianResidual", _XSD + "double", functional=True, unit="M")
+    residual90: One[float] = One(_RT + "residual90", _XSD + "double", functional=True, unit="M")
     rms_residual: One[float] = One(_RT + "rmsResidual", _XSD + "double", functional=True, unit="M")
     vertex_count: One[int] = One(_RT + "vertexCount", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
 
@@ -3458,10 +3465,24 @@ class TriangleMesh(ShapeModel):
     """A mesh of triangles (Kehoe 2014, 4.3, v).
 
     ``rt:TriangleMesh``
+
+    Attributes
+    ----------
+    is_watertight
+        Whether every edge of the mesh belongs to exactly two faces.
+    reconstruction_method
+        The name of the method by which a surface was made from measured points.
+    seen_share
+        The share of a reconstructed surface's area that was measured, 0 to 1. The rest was
+        filled in to close the surface; nobody has seen it. [UNITLESS]
     """
 
     __iri__: ClassVar[str] = _RT + "TriangleMesh"
     __required__: ClassVar[tuple[str, ...]] = ("has_blob",)
+
+    is_watertight: One[bool] = One(_RT + "isWatertight", _XSD + "boolean", functional=True)
+    reconstruction_method: One[str] = One(_RT + "reconstructionMethod", _XSD + "string", functional=True)
+    seen_share: One[float] = One(_RT + "seenShare", _XSD + "double", functional=True, unit="UNITLESS")
 
 
 class ZoneKind(ObjectTrait):
