@@ -75,10 +75,10 @@ def section_of(path: str) -> str:
 
 def is_offered(address: str) -> bool:
     """Return whether a server has the services of a page, or the page says what to install."""
-    return all(_is_found(service) for service in _NEEDS.get(address, ()))
+    return all(_has_service(service) for service in _NEEDS.get(address, ()))
 
 
-def _is_found(service: str) -> bool:
+def _has_service(service: str) -> bool:
     try:
         context().services.registry.find(service)
     except UnknownTermError:
@@ -91,7 +91,7 @@ def _is_found(service: str) -> bool:
 def _sections() -> dict[str, object]:
     """Provide templates with the links of header and footer."""
     return {
-        "site_sections": [one for one in SECTIONS if is_offered(one.address)],
+        "site_sections": [section for section in SECTIONS if is_offered(section.address)],
         "more_pages": [(address, name) for address, name in MORE if is_offered(address)],
         "section_of": section_of,
     }
