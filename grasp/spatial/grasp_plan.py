@@ -10,8 +10,9 @@ import numpy as np
 from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
-from grasp.spatial.clouds.completion import complete_by_symmetry
+from grasp.spatial.clouds.completion import compare_symmetries, complete_by_symmetry
 from grasp.spatial.clouds.ground import find_support
+from grasp.spatial.clouds.shape_samples import sample_shapes
 from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.hand_search.shipped import Filter, chosen_filter
@@ -23,6 +24,7 @@ from grasp.spatial.scoring.holding import with_holding
 from grasp.spatial.scoring.object_load import ObjectLoad
 from grasp.spatial.scoring.promises import Promises
 from grasp.spatial.scoring.select import diverse, hedged, rank
+from grasp.spatial.scoring.shape_chance import with_shape_chance
 
 __all__ = ["SpatialOptions", "plan_given", "plan_on_cloud", "plan_on_mesh", "warm_up"]
 
@@ -64,6 +66,9 @@ class SpatialOptions:
         Whether a table that was left in a cloud is taken for its support where none is given.
     promises
         What is promised of a hand, grown from its outcomes; None = that of a hand without any.
+    shapes
+        Samples of the shape that a cloud seen from one side may have, over which its grasps are
+        ranked; 0 = ranked on the one guess of it.
     """
 
     noise: PoseNoise = field(default_factory=PoseNoise)
@@ -79,6 +84,7 @@ class SpatialOptions:
     pairs: bool = True
     find_support: bool = True
     promises: Promises | None = None
+    shapes: int = 0
 
     def __post_init__(self) -> None:
         if self.mass is not None and not 0 < self.mass < np.inf:
@@ -210,7 +216,8 @@ def plan_on_cloud(
     notes = () if shown is None else (shown.note,)
     table = None if support is None else support.plane
     seen = prepare_cloud(points, table=table, viewpoints=viewpoints)
-    whole = complete_by_symmetry(seen)
+    guesses = compare_symmetries(seen)
+    whole = complete_by_symmetry(seen, guesses)
     judge = chosen_filter(classifier, gripper)
     up = None if support is None else support.up
 
@@ -242,7 +249,17 @@ def plan_on_cloud(
     if options.hedge and whole.completed.any():
         seen_hands, seen_pairs = plan(seen)
         safe = rank([*seen_hands, *seen_pairs], up)
-    both = hedged(guessed, safe, gripper, options.most)
+    samples = None
+    if options.shapes:
+        samples = sample_shapes(seen, points, options.shapes, options.seed, guesses)
+    if samples is not None:
+        scored = with_shape_chance(
+            [*guessed, *safe], samples, gripper, options.mass, options.noise, seed=options.seed,
+            promises=options.promises,
+        )  # fmt: skip
+        both = diverse(rank(scored, up), gripper, most=options.most)
+    else:
+        both = hedged(guessed, safe, gripper, options.most)
     counts = {**hands.counts, **({"pairs": pairs.counts["pairs"]} if pairs else {})}
     reason = "" if both else hands.reason
     notes = (*notes, *hands.notes)

@@ -240,7 +240,7 @@ def _planned(
     from grasp.spatial.meshes.mesh import Mesh
 
     if hand.contact_kind != "jaws":
-        call.refuse_for_contacts(hand, "grasps", "classifier")
+        call.refuse_for_contacts(hand, "classifier")
     if stored_shape is not None:
         return stored_shape.plan(hand, call.planning(grown), call.filter(), call.floating)
     if isinstance(shape, Mesh):
@@ -253,16 +253,17 @@ def _plan_mesh(mesh: Mesh, hand: EndEffector, call: _SpaceCall) -> Proposals:
     from grasp.spatial.contact_plan import OtherHand, plan_contacts
     from grasp.spatial.grasp_plan import plan_given, plan_on_mesh
     from grasp.spatial.gripper import ParallelGripper
-    from grasp.spatial.interchange import read_grasps
+    from grasp.spatial.interchange import read_grasps, read_poses
 
     around = Surroundings(_support(mesh.vertices, call))
     if isinstance(hand, OtherHand):
-        return plan_contacts(mesh, hand, around, call.planning())
+        given = None if call.grasps is None else read_poses(call.grasps, hand)
+        return plan_contacts(mesh, hand, around, call.planning(), given)
     assert isinstance(hand, ParallelGripper)
     if call.grasps is None:
         return plan_on_mesh(mesh, hand, around, call.planning())
-    given = read_grasps(call.grasps, hand, mesh).candidates
-    return plan_given(given, mesh, hand, around, call.planning())
+    own = read_grasps(call.grasps, hand, mesh).candidates
+    return plan_given(own, mesh, hand, around, call.planning())
 
 
 def _plan_cloud(points: NDArray[np.float64], hand: EndEffector, call: _SpaceCall) -> Proposals:
