@@ -173,8 +173,8 @@ class Committer:
         if len(change.added) <= MAX_LATE:
             keys, new = self.catalogue.keys(), derived.added
             with self.late.quiet() if self.late is not None else nullcontext():
-                if told := identity.remark(change, new, keys, self.store, self.graphs):
-                    return told
+                if remark := identity.remark(change, new, keys, self.store, self.graphs):
+                    return remark
         return names.notice() if self.catalogue.triple_count(self.graphs.quarantine) else None
 
     def _settle(
