@@ -3,8 +3,8 @@
 What is promised has to hold in the lowest quarter, too, on objects unlike those of the fit, and by
 a hand that nobody tried: the factory's maps were fitted over many generated hands and many kinds of
 generated objects at once, heavy ones and poor grasps included. They say how likely a grasp lifts
-an object, and how likely it carries one that it lifted. How much the hands differed is the prior of a
-hand's own map: its outcomes move it from the factory's
+an object, and how likely it carries one that it lifted. How much the hands differed is the prior of
+a hand's own map: its outcomes move it from the factory's
 (:func:`grasp.learning.calibration.fit_map`), the more the more there are, and with it everything
 that is promised. Two hands that were tried more often have maps of their own.
 """
