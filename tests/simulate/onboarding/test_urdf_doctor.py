@@ -211,3 +211,21 @@ def test_what_would_end_the_process_or_be_read_as_something_else_is_refused(tmp_
     with pytest.raises(RobotError) as told:
         bare_robot(path, name="arm")
     assert says in str(told.value)
+
+
+@pytest.mark.parametrize(("shape", "reads"), [("", True), (box("1 1 1"), False)])
+def test_ways_of_a_base_that_drives_are_no_lengths_of_the_robot(tmp_path, shape, reads):
+    """Files of mobile robots and floating hands slide a link without a shape by +-20 m first."""
+    path = arm(tmp_path, box("0.1 0.1 0.1"))
+    slide = "".join(
+        f'<joint name="{a}" type="prismatic"><parent link="{a}"/><child link="{b}"/>'
+        f'<axis xyz="1 0 0"/>{LIMIT.format(-20, 20)}</joint>'
+        for a, b in (("world", "along"), ("along", "base"))
+    )
+    world = f'<link name="world">{shape}</link><link name="along"/>'
+    path.write_text(path.read_text().replace("</robot>", f"{world}{slide}</robot>"))
+    if reads:
+        assert len(bare_robot(path, name="arm")[0].joints) == 4
+        return
+    with pytest.raises(RobotError, match=r"span 80\.6 m: a URDF states lengths in m"):
+        bare_robot(path, name="arm")
