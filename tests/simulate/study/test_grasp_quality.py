@@ -185,10 +185,11 @@ def test_the_gate_wants_a_pick_that_is_never_below_and_proven_better() -> None:
 
 def _ranked(*pairs: tuple[float, float]) -> dict[str, Any]:
     return {
+        "hand": "panda",
         "ranked": [
             {"carry": score, "carried": [k < round(share * 4) for k in range(4)]}
             for score, share in pairs
-        ]
+        ],
     }
 
 
@@ -196,7 +197,7 @@ def test_ranks_are_compared_over_all_grasps_and_within_objects() -> None:
     light = _ranked((0.9, 0.75), (0.8, 1.0), (0.7, 0.5))  # the two best are swapped
     heavy = _ranked((0.3, 0.25), (0.2, 0.25), (0.1, 0.0))
     alike = _ranked((0.9, 1.0), (0.8, 1.0), (0.7, 1.0))
-    none: dict[str, Any] = {"ranked": []}
+    none: dict[str, Any] = {"hand": "panda", "ranked": []}
     found = rank_correlations([light, heavy, none], "carried")
     assert found["grasps"] == 6
     assert found["over"]["n"] == 2
