@@ -229,3 +229,24 @@ def test_ways_of_a_base_that_drives_are_no_lengths_of_the_robot(tmp_path, shape,
         return
     with pytest.raises(RobotError, match=r"span 80\.6 m: a URDF states lengths in m"):
         bare_robot(path, name="arm")
+
+
+@pytest.mark.parametrize("strict", [False, True])
+def test_a_frozen_joint_that_states_whom_it_follows_moves_with_it(tmp_path, strict):
+    """Reduced models fix the joints of linkages for libraries that know none that follow."""
+    path = arm(tmp_path, box("0.1 0.1 0.1"), rest='<mimic joint="to_upper" multiplier="-1"/>')
+    first, fixed = path.read_text().split('name="to_fore" type="revolute"')
+    path.write_text(f'{first}name="to_fore" type="fixed"{fixed}')
+    read = read_urdf(path, strict=strict)
+    fore = next(joint for joint in read.joints if joint.name == "to_fore")
+    assert fore.kind == ("fixed" if strict else "revolute")
+    assert fore.mimic == (None if strict else ("to_upper", -1.0))
+    says = "joint 'to_fore' is fixed, but follows 'to_upper'; moves with it"
+    assert (says in read.warnings) is not strict
+
+
+def test_a_fixed_joint_without_a_range_stays_fixed(tmp_path):
+    path = arm(tmp_path, box("0.1 0.1 0.1"), (0, 0), rest='<mimic joint="to_upper"/>')
+    first, fixed = path.read_text().split('name="to_fore" type="revolute"')
+    path.write_text(f'{first}name="to_fore" type="fixed"{fixed}')
+    assert {j.name: j.kind for j in read_urdf(path).joints}["to_fore"] == "fixed"
