@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from grasp.spatial.scoring.promises import FACTORY, TOLD, Outcome
+from grasp.spatial.scoring.promises import FACTORY, RESTS_ON, Outcome
 
 __all__ = ["read_outcomes"]
 
@@ -54,7 +54,7 @@ def read_outcomes(path: Path) -> list[Outcome]:
 def _outcome(row: Any) -> Outcome:
     if not isinstance(row, Mapping):
         raise ValueError("expected an object with lift, carry, load, lifted, carried")
-    scores = {name: _share(name, row[name]) for name in TOLD if row.get(name) is not None}
+    scores = {name: _share(name, row[name]) for name in RESTS_ON if row.get(name) is not None}
     held = {}
     for word, score in _OUTCOMES.items():
         value = row.get(word)

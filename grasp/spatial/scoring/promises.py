@@ -21,7 +21,7 @@ from grasp.spatial.gripper import ParallelGripper
 
 __all__ = [
     "FACTORY",
-    "TOLD",
+    "RESTS_ON",
     "TRIED",
     "UNTRIED",
     "FactoryMap",
@@ -46,7 +46,7 @@ _LEAST, _STEEPEST = 0.02, 1.5
 _FLOOR = 0.02
 """Of the variance, so that a chance of 1 is no certainty."""
 
-TOLD = ("lift", "carry", "load", "patch", "taper", "lever")
+RESTS_ON = ("lift", "carry", "load", "patch", "taper", "lever")
 """Names of the scores of a grasp that promises rest on; see
 :func:`grasp.spatial.scoring.holding.with_holding`."""
 
@@ -102,7 +102,7 @@ class FactoryMap:
         name
             ``lift`` or ``carry``.
         scores
-            Of a grasp; those of :data:`TOLD` that are missing count as usual.
+            Of a grasp; those of :data:`RESTS_ON` that are missing count as usual.
         stroke
             Of the hand, m.
         """

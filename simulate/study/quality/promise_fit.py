@@ -20,7 +20,7 @@ from scipy.optimize import minimize
 from grasp.arrays import FloatArray
 from grasp.learning.calibration import ScoreMap, band_margin, fit_map
 from grasp.spatial.gripper import ParallelGripper
-from grasp.spatial.scoring.promises import TOLD, FactoryMap, chance_spread, factory_chance
+from grasp.spatial.scoring.promises import RESTS_ON, FactoryMap, chance_spread, factory_chance
 from simulate.study.quality.made_hands import studied_hand
 
 __all__ = ["FittedPromises", "TriedGrasp", "fit_promises", "tried_grasps"]
@@ -108,12 +108,12 @@ def tried_grasps(results: Sequence[Mapping[str, Any]]) -> list[TriedGrasp]:
         entries = [] if picked is None else [(picked["promised"], picked, True)]
         entries += [(entry, entry, False) for entry in result.get("ranked", ())]
         for scores, tried, is_pick in entries:
-            if all(name in scores for name in TOLD):
-                told = {name: float(scores[name]) for name in TOLD}
+            if all(name in scores for name in RESTS_ON):
+                shares = {name: float(scores[name]) for name in RESTS_ON}
                 lifted, carried = sum(tried["held"]), sum(tried["carried"])
                 hand = studied_hand(result["hand"])
                 trials = len(tried["held"])
-                grasps.append(TriedGrasp(hand, told, lifted, carried, trials, is_pick))
+                grasps.append(TriedGrasp(hand, shares, lifted, carried, trials, is_pick))
     return grasps
 
 
@@ -222,9 +222,9 @@ def _likeness(rows: _Trials, chances: FloatArray, own: Mapping[str, ScoreMap]) -
         own[hand].chance(float(chance)) for hand, chance in zip(rows.hands, chances, strict=True)
     ])  # fmt: skip
     spread = p * (1 - p)
-    told = (rows.trials > 1) & (spread > _SURE)
-    n, spread = rows.trials[told], spread[told]
-    over = ((rows.held[told] - n * p[told]) ** 2 - n * spread).sum()
+    unsure = (rows.trials > 1) & (spread > _SURE)
+    n, spread = rows.trials[unsure], spread[unsure]
+    over = ((rows.held[unsure] - n * p[unsure]) ** 2 - n * spread).sum()
     pairs = (n * (n - 1) * spread).sum()
     return float(np.clip(over / pairs, 0.0, 0.9)) if pairs else 0.0
 
