@@ -143,7 +143,7 @@ class Maintainer:
         if size >= self.settings.bulk_from and size * BULK_RATIO > len(state.asserted):
             if len(state.asserted) or len(state.facts):
                 return self.rebuild(asserted, len(state.facts))
-            return self._from_nothing(asserted)
+            return self.from_nothing(asserted)
         try:
             # Rules are compiled from the schema, and derived facts do not name their rule: what one
             # that goes has derived cannot be told from the rest.
@@ -228,13 +228,14 @@ class Maintainer:
         draft.clashes = {finding.identity: finding for finding in findings}
         return draft
 
-    def _from_nothing(self, asserted: Asserted) -> Draft:
+    def from_nothing(self, asserted: Asserted) -> Draft:
         """Return the first state of a closure, from memory if another one began with the same."""
         settings, budget = self.settings, self.settings.budget
         bounds = (None,) if budget is None else (budget.derived, budget.firings)
-        # The watch of a budget belongs to one change, and would make each question a new one.
-        key = (replace(settings, budget=None), *bounds)
-        question = Question.of(asserted.added, self.terms, key)
+        # The watch of a budget belongs to one change, the owners of names to one knowledge base:
+        # compared, they would make each question a new one.
+        key = (replace(settings, budget=None, owner=None), *bounds)
+        question = Question.of(asserted.added, self.terms, key, settings.owner)
         known = None if question is None else _MEMO.recall(question, self.terms)
         if known is not None:
             facts, program = known

@@ -3,13 +3,17 @@
 A new knowledge base begins with the ontology that others began with. What follows depends on the
 facts, the terms behind their ids, the rules and the bounds; all of them are compared, so nothing
 can be outdated. Labels of blank nodes are not, as each knowledge base has its own: a derivation in
-which a label was read, or could have made a difference, is not remembered.
+which a label was read, or could have made a difference, is not remembered. Nor is who owns a name,
+which each knowledge base decides by its own base IRI: only facts among names of nobody are
+remembered, about which all agree.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass, field
+
+from pyoxigraph import NamedNode
 
 from reasoner.facts.arrays import Column
 from reasoner.facts.relations import Facts
@@ -18,9 +22,17 @@ from reasoner.terms.dictionary import Dictionary, Fact, Term
 
 __all__ = ["Memo", "Question"]
 
+Owner = Callable[[str], str | None]
 MAX_FACTS = 10_000
 """Larger derivations are not remembered: their memory is worth more than the time."""
-_MAX_ENTRIES = 2
+_MAX_ENTRIES = 3
+
+
+def has_owned(terms: Iterable[Term | None], owner: Owner | None) -> bool:
+    """Tell whether any of some terms is a name that somebody owns."""
+    if owner is None:
+        return False
+    return any(isinstance(term, NamedNode) and owner(term.value) is not None for term in terms)
 
 
 @dataclass(frozen=True)
@@ -35,18 +47,29 @@ class Question:
         How many of them are resources.
     settings : Hashable
         Rules of the user, and bounds.
+    owner : callable, optional
+        Returns the owner of an IRI, or None; not compared, as none of the terms has an owner.
     """
 
     facts: frozenset[Fact]
     terms: tuple[Term | None, ...]
     resources: int
     settings: Hashable
+    owner: Owner | None = field(default=None, compare=False)
 
     @classmethod
-    def of(cls, facts: frozenset[Fact], terms: Dictionary, settings: Hashable) -> Question | None:
+    def of(
+        cls,
+        facts: frozenset[Fact],
+        terms: Dictionary,
+        settings: Hashable,
+        owner: Owner | None = None,
+    ) -> Question | None:
         """Return the question, or None if its answer would not be remembered."""
         listed = terms.listed() if len(facts) <= MAX_FACTS else None
-        return None if listed is None else cls(facts, *listed, settings)
+        if listed is None or has_owned(listed[0], owner):
+            return None
+        return cls(facts, *listed, (settings, owner is None), owner)
 
 
 @dataclass(frozen=True)
@@ -90,7 +113,7 @@ class Memo:
             Receives the terms that the rules bring.
         """
         for earlier, answer in self._entries:
-            if earlier == question:
+            if earlier == question and not has_owned(answer.new_terms, question.owner):
                 for term in answer.new_terms:
                     terms.encode(term)
                 return Facts.of(answer.columns), answer.program
@@ -108,5 +131,7 @@ class Memo:
         new = (*now[question.resources : resources], *now[resources + literals :])
         if None in new:
             return  # a blank node: the next one would have to be another
+        if has_owned(new, question.owner):
+            return
         answer = Answer(facts.columns(), program, tuple(term for term in new if term is not None))
         self._entries = ((question, answer), *self._entries[: _MAX_ENTRIES - 1])

@@ -6,10 +6,12 @@ not decide it, with how to ask for more.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from rtask.errors import nearest
 from rtask.kb.reasoning import PROOF_BUDGET
+from rtask.kb.store.naming import prefixed
 from rtask.rdf.terms import TripleKey
 
 if TYPE_CHECKING:
@@ -73,4 +75,16 @@ def explain(kb: GraphCore, triple: TripleKey, budget: int = PROOF_BUDGET) -> Exp
     """Return whether a statement holds, and why or why not."""
     names = sorted(str(quad.graph_name) for quad in kb.match(*triple))
     asserted = tuple(name for name in names if name != str(kb.graphs.inferred))
-    return Explanation(triple, kb.explain(*triple, budget=budget), asserted, kb.seq)
+    decision = _with_hints(kb, kb.explain(*triple, budget=budget))
+    return Explanation(triple, decision, asserted, kb.seq)
+
+
+def _with_hints(kb: GraphCore, decision: Decision) -> Decision:
+    """Name, beside each term that no statement mentions, the declared one that may be meant."""
+    from reasoner import Refutation
+
+    if not isinstance(decision, Refutation) or not decision.unknown:
+        return decision
+    declared = sorted(prefixed(term) for term in kb.catalogue.declared())
+    hinted = tuple(term + nearest(term, declared) for term in decision.unknown)
+    return replace(decision, unknown=hinted)

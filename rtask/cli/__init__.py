@@ -79,8 +79,8 @@ _BUILT_IN = {
 _SECTIONS = {
     "Run": ("demo", "serve", "worker", "simulate", "study", "thesis"),
     "Ask": (
-        "ask", "plan", "tasks", "questions", "query", "search", "explain", "entails", "where",
-        "history", "objects",
+        "ask", "plan", "tasks", "questions", "query", "search", "explain", "entails", "why",
+        "where", "history", "objects",
     ),
     "Load and change": (
         "load", "update", "undo", "branch", "export", "ontology", "rules", "model",

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import UsageError
-from rtask.interop.ros.body import RobotModel
 from rtask.interop.ros.convert import JsonObject
+from rtask.interop.ros.robot.model import RobotModel
 from rtask.ros2.qos import latched
 
 __all__ = ["RobotBody"]
@@ -27,7 +27,8 @@ class RobotBody:
 
         self._node = node
         self._model: RobotModel | None = None
-        self._said: set[str] = set()
+        self._is_heard = False
+        self._warned: set[str] = set()
         self.subscription = node.create_subscription(
             String, "robot_description", self._take, latched(), callback_group=group
         )
@@ -35,23 +36,26 @@ class RobotBody:
     def placed(self, lookup: Callable[[str], NDArray[np.float64]], base: str) -> list[JsonObject]:
         """Return the shapes of the body at the time of a lookup; see :class:`RobotModel`."""
         if self._model is None:
+            if not self._is_heard:
+                self._warn("no robot_description was heard: nothing is known of the robot's body")
             return []
         shapes, unplaced = self._model.placed(lookup, base)
         if unplaced:
-            self._say(f"TF does not say where {', '.join(unplaced)} of the robot's body are")
+            self._warn(f"TF does not say where {', '.join(unplaced)} of the robot's body are")
         return shapes
 
     def _take(self, message: Any) -> None:
+        self._is_heard = True
         try:
             self._model = RobotModel(message.data)
         except UsageError as error:
             self._model = None
-            self._say(str(error))
+            self._warn(str(error))
             return
         for note in self._model.notes:
-            self._say(f"robot_description: {note}")
+            self._warn(f"robot_description: {note}")
 
-    def _say(self, words: str) -> None:
-        if words not in self._said:
-            self._said.add(words)
-            self._node.get_logger().warning(f"{words}; they may be taken for objects")
+    def _warn(self, words: str) -> None:
+        if words not in self._warned:
+            self._warned.add(words)
+            self._node.get_logger().warning(f"{words}; parts of the robot may be taken for objects")

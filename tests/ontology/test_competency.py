@@ -22,7 +22,7 @@ def _header(text: str, word: str) -> str:
 
 
 def test_the_questions_are_numbered() -> None:
-    assert [path.name for path in QUERIES] == [f"cq{n:02}.rq" for n in range(1, 27)]
+    assert [path.name for path in QUERIES] == [f"cq{n:02}.rq" for n in range(1, 31)]
 
 
 @pytest.fixture(scope="module", params=["engine", pytest.param("owlrl", marks=pytest.mark.deep)])

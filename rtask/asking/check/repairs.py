@@ -148,6 +148,13 @@ class Repairs:
             rated.append((-rating, iri))
         return [self.written_as(node, iri) for _, iri in sorted(rated)[:_OFFERED]]
 
+    def are_written(self, repairs: Iterable[Repair]) -> bool:
+        """Return whether the query has a proposed property already: its author knows them apart."""
+        nodes = (step.node for group in self._outline.body.walk() for edge in group.edges
+                 for step in edge.steps)  # fmt: skip
+        used = {written(node.value, self._outline.prefixes) for node in nodes if node.kind == "iri"}
+        return any(edit.text in used for repair in repairs for edit in repair.edits)
+
     def written_as(self, node: Node, iri: str) -> Repair:
         text = written(iri, self._outline.prefixes)
         return Repair(f"write {text}", (Edit(node.start, node.end, text),))

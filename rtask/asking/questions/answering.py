@@ -95,7 +95,7 @@ class Answer:
     understood
         That question with what fills its slots, in words; empty if none is near.
     filled
-        Words and terms of each slot that is filled, by role.
+        Words and terms of each slot that is filled, by role; a second one is ``robot 2``.
     ignored
         Words that mean nothing here, and names for which the question has no place.
     sparql
@@ -262,7 +262,7 @@ def _answered(
         text,
         question.key,
         _understood(question, filled),
-        {item.slot.role: (item.text, tuple(map(str, item.terms))) for item in filled},
+        _by_role(filled),
         reading.ignored,
         sparql,
         rows,
@@ -275,6 +275,17 @@ def _answered(
         why_of(run, rows, sparql),
         count,
     )
+
+
+def _by_role(filled: list[Filled]) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Return words and terms by role; the second robot of a question is ``robot 2``."""
+    result: dict[str, tuple[str, tuple[str, ...]]] = {}
+    for item in filled:
+        role, number = item.slot.role, 2
+        while role in result:
+            role, number = f"{item.slot.role} {number}", number + 1
+        result[role] = (item.text, tuple(map(str, item.terms)))
+    return result
 
 
 def _not_named(missing: str, reading: _Reading) -> str:

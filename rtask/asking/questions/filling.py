@@ -175,6 +175,9 @@ def _restriction(item: Filled) -> str:
     """Return the pattern that restricts a variable to what was named."""
     variable, pattern = item.slot.term, item.slot.pattern
     if item.period is not None:
+        begin, _, end = variable.partition("/")
+        if end:
+            return f"FILTER({item.period.overlap(begin, end)})"
         inner = f"{pattern} FILTER({item.period.condition(variable)})"
         return f"FILTER EXISTS {{ {inner} }}" if pattern else inner.strip()
     if item.is_kind:

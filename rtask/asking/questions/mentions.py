@@ -14,6 +14,7 @@ import ontology
 from rtask.asking.questions.words import STOP, forms, stem
 from rtask.asking.terms import Reader
 from rtask.errors import RtaskError, UsageError
+from rtask.kb.search.text import single_words
 from rtask.rdf.terms import Literal, NamedNode, Term
 from rtask.sparql.results import Solutions
 
@@ -29,7 +30,7 @@ _ROLES = {
     "object": "rt:ManipulableObject", "robot": "cora:Robot", "task": "rt:Task",
     "grasp": "rt:GraspConfiguration", "frame": "rt:Frame", "recognition": "rt:RecognitionResult",
     "cloud": "rt:PointCloud", "use": "rt:ObjectFunction",
-    "colour": "rt:Colour", "trait": "rt:ObjectTrait",
+    "colour": "rt:Colour", "trait": "rt:ObjectTrait", "place": "rt:SupportSurface",
 }  # fmt: skip
 _KINDS = {"kind": "rt:ManipulableObject", "robot_kind": "cora:Robot"}
 _TOKEN = re.compile(
@@ -129,6 +130,7 @@ def find_mentions(
                 all(is_plural for _, is_plural in named), is_cut)
         for (start, end, role), named in result.items()
     ]  # fmt: skip
+    mentions = [item for item in mentions if not _asks_how(tokens, item)]
     return sorted(_longest(mentions), key=lambda item: (item.start, item.role))
 
 
@@ -150,10 +152,21 @@ def with_called(
     ]  # fmt: skip
 
 
+_ON_PRINT = """
+  UNION {
+    VALUES ?word { %s }
+    ?line rt:wordToken ?word . ?reading rt:hasWord ?line . ?view rt:viewContent ?reading .
+    ?named rt:hasView ?view
+    BIND("object" AS ?role)
+  }"""
+
+
 def find_by_part(
     select: Select, tokens: Sequence[str], places: Iterable[int], at_end: bool = False
 ) -> list[Mention]:
-    """Return the objects whose names have a word of a question in them: "cartons" are carton-7.
+    """Return what has a word of a question in its name: "cartons" are carton-7, "a nao" is nao-1.
+
+    So do objects on whose views the word was read: "the carton that says naturell".
 
     Parameters
     ----------
@@ -162,31 +175,39 @@ def find_by_part(
     places
         Where the words stand that mean nothing else.
     at_end
-        The word must be the name's last, as the head of an English noun: a pen box is no pen.
+        Only objects, and the word must be the name's last, as the head of an English noun: a pen
+        box is no pen.
     """
     end = "[^a-z]*$" if at_end else "([^a-z]|$)"
     words = {
-        form: at for at in places for form in (tokens[at].lower(), stem(tokens[at].lower()))
+        form: at for at in places
+        for form in (tokens[at].lower(), stem(tokens[at].lower()), *single_words(tokens[at]))
         if len(form) >= MIN_PART and form.isalpha()
     }  # fmt: skip
     if not words:
         return []
-    rows = select(f"""PREFIX rt: <{ontology.NS}>
-SELECT DISTINCT ?word ?object WHERE {{
-  VALUES ?word {{ {" ".join(str(Literal(word)) for word in words)} }}
-  ?object a rt:ManipulableObject ; rt:name ?name
-  FILTER(REGEX(?name, CONCAT("(^|[^a-z])", ?word, "{end}"), "i"))
+    prefixes = f"PREFIX rt: <{ontology.NS}>\nPREFIX cora: <{ontology.PREFIXES['cora']}>"
+    whole = "" if at_end else '("robot" cora:Robot)'
+    written = " ".join(str(Literal(word)) for word in words)
+    rows = select(f"""{prefixes}
+SELECT DISTINCT ?word ?named ?role WHERE {{
+  {{
+    VALUES ?word {{ {written} }}
+    VALUES (?role ?top) {{ ("object" rt:ManipulableObject) {whole} }}
+    ?named a ?top ; rt:name ?name
+    FILTER(REGEX(?name, CONCAT("(^|[^a-z])", ?word, "{end}"), "i"))
+  }}{"" if at_end else _ON_PRINT % written}
 }} LIMIT {MAX_MENTIONS + 1}""")
-    named: dict[int, list[Term]] = {}
+    called: dict[tuple[int, str], list[Term]] = {}
     for row in rows[:MAX_MENTIONS]:
-        word, term = row["word"], row["object"]
+        word, term = row["word"], row["named"]
         assert word is not None
         assert term is not None
-        named.setdefault(words[_text(word)], []).append(term)
+        called.setdefault((words[_text(word)], str(row.value("role"))), []).append(term)
     is_cut = len(rows) > MAX_MENTIONS
     return [
-        Mention(at, at + 1, tokens[at], "object", tuple(dict.fromkeys(terms)), is_cut=is_cut)
-        for at, terms in sorted(named.items())
+        Mention(at, at + 1, tokens[at], role, tuple(dict.fromkeys(terms)), is_cut=is_cut)
+        for (at, role), terms in sorted(called.items())
     ]
 
 
@@ -237,6 +258,11 @@ def _is_modal(tokens: list[str], start: int, end: int) -> bool:
     """Return whether a stretch is the verb "can" rather than the object."""
     before = tokens[start - 1].lower() if start else ""
     return end - start == 1 and tokens[start].lower() == "can" and before not in _DETERMINERS
+
+
+def _asks_how(tokens: Sequence[str], item: Mention) -> bool:
+    """Return whether a trait is asked for, as in "how heavy is it?", and does not name a thing."""
+    return item.role == "trait" and item.start > 0 and tokens[item.start - 1].lower() == "how"
 
 
 def _is_term(token: str) -> bool:

@@ -46,6 +46,19 @@ class Period:
             if time is not None
         )
 
+    def overlap(self, begin: str, end: str) -> str:
+        """Return the SPARQL condition that what lasts from one variable to another touches it.
+
+        What has no end lasts yet.
+        """
+        bounds = []
+        if self.start is not None:
+            since = f'"{self.start.isoformat()}"^^xsd:dateTime'
+            bounds.append(f"(!BOUND({end}) || {end} > {since})")
+        if self.end is not None:
+            bounds.append(f'{begin} < "{self.end.isoformat()}"^^xsd:dateTime')
+        return " && ".join(bounds)
+
 
 def find_period(text: str, now: dt.datetime) -> Period | None:
     """Return the period that a text names, or None.

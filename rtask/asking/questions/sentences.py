@@ -21,24 +21,33 @@ _VARIABLE = re.compile(r"\{(\w+)")
 
 
 def names_of(select: Select, terms: Iterable[Term | None]) -> dict[Term, str]:
-    """Return a name for each IRI: its name or label, or the end of the IRI; in one query."""
+    """Return a name for each IRI: its own, its product's, its label, or its end; in one query.
+
+    A single thing is called as its product, with the last characters of its IRI, since there may
+    be more of it.
+    """
     iris = sorted({term for term in terms if isinstance(term, NamedNode)}, key=str)
     if not iris:
         return {}
     rows = select(
         f"PREFIX rt: <{ontology.NS}> PREFIX rdfs: <{ontology.PREFIXES['rdfs']}>\n"
-        "SELECT ?s (MIN(?name) AS ?first) (MIN(?label) AS ?second) WHERE {\n"
+        "SELECT ?s (MIN(?name) AS ?first) (MIN(?label) AS ?second) (MIN(?kind) AS ?product) "
+        "WHERE {\n"
         f"  VALUES ?s {{ {' '.join(map(str, iris))} }}\n"
-        "  OPTIONAL { ?s rt:name ?name }\n"
+        "  OPTIONAL { ?s rt:name ?name }\n  OPTIONAL { ?s rt:exemplarOf/rt:name ?kind }\n"
         "  OPTIONAL { ?s rdfs:label ?label\n"
         '    FILTER(LANGMATCHES(LANG(?label), "en") || LANG(?label) = "") }\n'
         "} GROUP BY ?s"
     )
     names: dict[Term, str] = {iri: _end(iri.value) for iri in iris}
     for row in rows:
-        name = row["first"] or row["second"]
-        if isinstance(name, Literal) and row["s"] is not None:
-            names[row["s"]] = name.value
+        name, product, term = row["first"] or row["second"], row["product"], row["s"]
+        if term is None:
+            continue
+        if isinstance(name, Literal):
+            names[term] = name.value
+        elif isinstance(product, Literal):
+            names[term] = f"{product.value} ({names[term][-4:]})"
     return names
 
 

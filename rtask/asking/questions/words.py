@@ -46,10 +46,10 @@ sure confident confidently certain certainty confidence surely overconfident
 force strength strongly hard press firmly pressure
 kind sort type category class
 when date
-now current currently present presently latest last moment
+now current currently present presently latest last moment recently
 order sequence timeline history chronicle chronology chronological chronologically log
 happen occur action event
-contribute contribution give add share supply
+contribute contribution give add supply
 evidence support basis base rest measure proof show
 predict prediction expect expectation prior anticipate forecast
 long slow slower longer duration second seconds
@@ -66,7 +66,8 @@ transfer inherit
 never nobody none impossible always
 new unseen
 box bin
-learner learning learn
+learner learning
+learn lesson teach taught share sharing reuse
 lose drop fall
 verdict judge judgement judgment decide decision
 speed fast quick
@@ -78,13 +79,15 @@ contradict disagree clash conflict dispute disagreement
 capability able ability capable qualify suitable
 manipulator manipulate manipulation
 room kitchen
+move touch handle
+content contain inside
 pose coordinate coordinates orient orientation
 next then afterwards react reaction subsequently
 match candidate
 low lack lacking insufficient
 bytes file
-heavy weight weigh payload lift
-wide width opening size
+heavy weight weigh payload lift mass kilogram kg
+wide width opening size large big tall high height length dimension measurement extent
 probable probability likely chance
 different another other differ
 human people person

@@ -65,6 +65,8 @@ class Explanation(PagedAnswer):
     proof: str
     steps: list[Step] = Field(default_factory=list)
     needs: list[Need] = Field(default_factory=list)
+    unknown: list[str] = Field(default_factory=list)
+    """terms that no statement mentions: they may be misspelt"""
     try_budget: int = 0
 
 
@@ -101,7 +103,7 @@ class Past(PagedAnswer):
 
 @tool(
     "Say why a statement holds or what it lacks; not decided is neither yes nor no.",
-    {"s": "kb:object/7", "p": "a", "o": "rt:DrinkingVessel"},
+    {"s": "kb:object/7", "p": "a", "o": "rt:Mug"},
     {"s": "kb:robot/nao", "p": "rt:canGrasp", "o": '"red mug"'},
     entries=("steps", "needs"),
     source="reasoner",
@@ -120,6 +122,7 @@ def explain(asked: Asked, request: Explain) -> Explanation:
     elif isinstance(decision, Undecided):
         members["try_budget"] = min(decision.more, MAX_BUDGET)
     else:
+        members["unknown"] = list(decision.unknown)
         members["needs"] = [_need(asked, need) for need in decision.needs][request.offset :]
     return Explanation(
         commit=explanation.commit,

@@ -119,7 +119,8 @@ def _body(
     import numpy as np
 
     from features.imaging.recordings import robot_description
-    from rtask.interop.ros.body import RobotModel, body_of_json, body_pixels
+    from rtask.interop.ros.robot.body import body_of_json, body_pixels
+    from rtask.interop.ros.robot.model import RobotModel
 
     urdf = robot_description(file)
     if not urdf:
@@ -141,7 +142,7 @@ def _body(
     if unplaced:
         notes = [*notes, f"its transforms do not say where {', '.join(unplaced)} are"]
     for note in notes:
-        click.echo(f"{file}: {note}; they may be taken for objects", err=True)
+        click.echo(f"{file}: {note}; parts of the robot may be taken for objects", err=True)
     if not shapes:
         return None
     return body_pixels(frame.points(), base_from_camera, body_of_json(shapes))

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import importlib.util
-import os
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,12 +12,12 @@ from rtask.cli.options import json_option
 from rtask.cli.ros2.dds import domain_option
 from rtask.cli.ros2.environment import Sourced, examine_environment, examine_packages
 from rtask.cli.ros2.graph import examine_graph, take_survey
+from rtask.cli.ros2.wheel import examine_dds
 from rtask.errors import AccessError, RtaskError
 
 __all__ = ["doctor"]
 
-_TOPIC, _TYPE = "/rtask_doctor", "std_msgs/msg/String"
-_HEARD_S, _SERVER_S = 10.0, 5.0
+_SERVER_S = 5.0
 
 
 @click.command()
@@ -65,7 +61,7 @@ def _examine(
     if ros:
         yield from examine_packages(ros, engine_schema())
         yield from examine_graph(take_survey(ros, domain, wait_s))
-    yield from _dds(domain, wait_s, is_needed=not ros)
+    yield from examine_dds(domain, wait_s, is_needed=not ros)
 
 
 def _server(url: str, token_file: Path | None) -> Finding:
@@ -84,51 +80,3 @@ def _server(url: str, token_file: Path | None) -> Finding:
             "server", "broken", str(error), f"rtask serve, or another --server than {url}"
         )
     return Finding("server", "ok", f"answers at {url}, {'with' if token else 'without'} a token")
-
-
-def _dds(domain: int, wait_s: float, is_needed: bool) -> Iterator[Finding]:
-    """Look at what ``rtask ros2 dds`` needs: the library, and a message sent and heard."""
-    if importlib.util.find_spec("cyclonedds") is None:
-        yield Finding(
-            "cyclonedds", "broken" if is_needed else "note",
-            "not installed; rtask ros2 dds needs it", "pip install 'rtask-kg[dds]'",
-        )  # fmt: skip
-        return
-    network = os.environ.get("CYCLONEDDS_URI") or "chosen by Cyclone"
-    version = importlib.metadata.version("cyclonedds")
-    yield Finding("cyclonedds", "ok", f"{version}; network: {network}")
-    try:
-        names = _heard_nodes(domain, wait_s)
-    except RtaskError as error:
-        yield Finding("dds", "broken", str(error), "look at CYCLONEDDS_URI and the domain")
-        return
-    if names is None:
-        yield Finding(
-            "dds", "broken", "a message was sent and not heard on this machine",
-            "let CYCLONEDDS_URI name an interface that is up",
-        )  # fmt: skip
-        return
-    yield Finding("dds", "ok", "a message was sent and heard")
-    yield Finding("dds nodes", "ok", ", ".join(sorted(names)) or "no other heard")
-
-
-def _heard_nodes(domain: int, wait_s: float) -> set[str] | None:
-    """Return the nodes that announce themselves; None if this machine does not hear itself."""
-    from rtask.interop.ros.dds.node import DdsNode
-    from rtask.interop.ros.dds.types import RosTypes
-
-    heard, names = threading.Event(), set[str]()
-    with (
-        DdsNode("rtask_doctor", RosTypes(), domain=domain) as node,
-        DdsNode("rtask_doctor_peer", RosTypes(), domain=domain) as peer,
-    ):
-        node.watch_nodes(names.update)
-        peer.subscribe(_TOPIC, _TYPE, lambda _: heard.set(), is_latched=True)
-        publisher = node.publisher(_TOPIC, _TYPE, is_latched=True)
-        message = publisher.make()
-        message.data = "hello"
-        publisher.publish(message)
-        if not heard.wait(_HEARD_S):
-            return None
-        threading.Event().wait(wait_s)
-        return names - {node.full_name, peer.full_name}

@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from features.geometry import Frame
 from features.perception import Perceived, perceive
-from rtask.errors import DataError, RtaskError
-from rtask.interop.ros.body import RobotModel, body_of_json, body_pixels
+from rtask.errors import DataError, RtaskError, UsageError
 from rtask.interop.ros.clouds import cloud_message, frame_of
-from rtask.interop.ros.convert import fill, make_message
+from rtask.interop.ros.convert import JsonObject, fill, make_message
 from rtask.interop.ros.looking import Look, SeeOptions, SeeRun
 from rtask.interop.ros.operations import Caller, Heard, refusal
 from rtask.interop.ros.perceived import box_of, look_of, points_of
+from rtask.interop.ros.robot.body import body_of_json, body_pixels
+from rtask.interop.ros.robot.model import RobotModel
 from rtask.interop.ros.sampling import ACTION, AGAIN_S, candidates, sampling_goal, target_of
 from rtask.interop.ros.scene.exchange import SceneExchange
 from rtask.interop.ros.scene.source import SceneSource
@@ -71,9 +72,29 @@ class Eyes:
 
     def __init__(self, frame: str, urdf: str = "") -> None:
         self.frame = frame
-        self._model = RobotModel(urdf) if urdf else None
+        self._warned: set[str] = set()
+        self._model = self._model_of(urdf)
         self.camera = CameraTopics()
         self.transforms = Transforms()
+
+    def _model_of(self, urdf: str) -> RobotModel | None:
+        """Return the model; what of the body is not known is said in the log."""
+        if not urdf:
+            self._warn("there is no robot_description: nothing is known of the robot's own body")
+            return None
+        try:
+            model = RobotModel(urdf)
+        except UsageError as error:
+            self._warn(str(error))
+            return None
+        for note in model.notes:
+            self._warn(f"robot_description: {note}")
+        return model
+
+    def _warn(self, words: str) -> None:
+        if words not in self._warned:
+            self._warned.add(words)
+            log.warning("%s; parts of the robot may be taken for objects", words)
 
     def look(self, since: Any) -> View:
         """Return what the camera sees that is not older than a time.
@@ -100,9 +121,11 @@ class Eyes:
         stamp, camera = sight.header.stamp, sight.header.frame_id
         base_from_camera = self.transforms.lookup(self.frame, camera, stamp)
         frame = sight.read()
-        shapes, _ = (
-            self._model.placed(self.frames_at(stamp), self.frame) if self._model else ([], [])
-        )
+        shapes: list[JsonObject] = []
+        if self._model is not None:
+            shapes, unplaced = self._model.placed(self.frames_at(stamp), self.frame)
+            if unplaced:
+                self._warn(f"TF does not say where {', '.join(unplaced)} are")
         solids = body_of_json(shapes)
         body = body_pixels(frame.points(), base_from_camera, solids) if solids else None
         try:

@@ -20,7 +20,7 @@ from rtask.kb.commit.access import Access
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
-from rtask.rdf.terms import RDF_TYPE, GraphName, Term
+from rtask.rdf.terms import RDF_TYPE, GraphName, Term, iri
 
 __all__ = [
     "SchemaRight", "axiom_refused", "foreign_axioms", "is_axiom", "require_schema",
@@ -29,6 +29,7 @@ __all__ = [
 
 _RDF, _RDFS, _OWL = (ontology.PREFIXES[name] for name in ("rdf", "rdfs", "owl"))
 _VOCABULARY = (_RDF, _RDFS, _OWL)
+_SHORT_ID = iri(ontology.NS + "shortId")
 
 _ABOUT_SUBJECT = frozenset(
     {_RDFS + name for name in ("subClassOf", "subPropertyOf", "domain", "range")}
@@ -348,7 +349,9 @@ def stored_axioms(
         access = Access(name, "robot").bind(graphs)
         change = Overlay(store)
         here = store.quads_for_pattern(None, None, None, graph)
-        held = (q for q in here if is_axiom(q) or q.subject in declared)
+        # The engine itself numbers a class in the graph of whoever first meets an object of it.
+        held = (q for q in here if is_axiom(q)
+                or (q.subject in declared and q.predicate != _SHORT_ID))  # fmt: skip
         for quad, _ in zip(held, range(limit), strict=False):
             change.added[quad] = None
         for quad in foreign_axioms(change, access, graphs, declared):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import time
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Collection, Iterable, Iterator, Sized
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from rtask.errors import ClosedError, StorageFullError, StoreFormatError, Unsupp
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.merged_graphs import MergedCopy, with_merged_graphs
-from rtask.kb.store.quads import InGraph, parts_of
+from rtask.kb.store.quads import InGraph, QuadChain, parts_of
 from rtask.kb.store.writes import Writes, as_update
 from rtask.rdf.terms import GraphName, Subject, Term, TripleKey, stored, triple_key
 from rtask.sparql.lexer import names_dataset
@@ -363,7 +363,7 @@ class EmbeddedStore(GraphStore):
         )
         added = writes.added
         try:
-            for part in parts_of(added):
+            for part in _joined(added):
                 self.bulk_extend(part)
             if operations:
                 self.update(" ;\n".join(operations), custom_functions=functions)
@@ -411,6 +411,20 @@ class EmbeddedStore(GraphStore):
             self.raw.flush()
         except RuntimeError as error:
             raise self._failed(error) from error
+
+
+def _joined(quads: Collection[Quad]) -> Iterator[Collection[Quad]]:
+    """Yield the parts of quads as they are best added: those without their text together.
+
+    On disk each call writes new files for each index, 12 ms of processor time however few the
+    quads; text is read apart, in less time than its terms are made.
+    """
+    parts = parts_of(quads)
+    texts = [part for part in parts if isinstance(part, InGraph) and part.written is not None]
+    rest = [part for part in parts if not any(part is text for text in texts)]
+    yield from texts
+    if rest:
+        yield QuadChain(*rest)
 
 
 def _is_named(term: Subject | Term | None) -> bool:

@@ -256,14 +256,15 @@ class Segmentation(Service):
         points
             Answer with the points of each object.
         body
-            Shapes of the robot itself, whose points are no object: kind (box, sphere or cylinder),
-            size (m; sides, radius, or height and radius) and pose, 16 numbers of a matrix, row by
-            row, in the frame of the robot.
+            Shapes of the robot itself, whose points are no object: kind (box, sphere, cylinder or
+            points), size (m; sides, radius, or height and radius) and pose, 16 numbers of a matrix,
+            row by row, in the frame of the robot. Points are the surface of a mesh: float32 x, y
+            and z in base64 in points, and as their size how far it may be from the next of them.
         """
         from features.perception import perceive
-        from rtask.interop.ros.body import body_of_json, body_pixels
         from rtask.interop.ros.clouds import cloud_rows
         from rtask.interop.ros.perceived import look_of, points_of
+        from rtask.interop.ros.robot.body import body_of_json, body_pixels
 
         view = _view(cloud, depth, image, camera_info, is_rectified)
         try:

@@ -20,7 +20,8 @@ from rtask.asking.questions.matching import Matcher
 from rtask.knowledge_base import KnowledgeBase
 
 SAMPLE = ontology.BASE + "sample/"
-_NAMES = ("t0", "t1", "t2", "r1", "g1", "g2", "g3", "camF", "mugCloud", "mug2")
+_NAMES = ("t0", "t1", "t2", "r1", "g1", "g2", "g3", "camF", "mugCloud", "mug2",
+          "table", "kitchen")  # fmt: skip
 NAMED = "PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#> INSERT DATA {{ {} }}".format(
     " ".join(f'<{SAMPLE}{name}> rdfs:label "{name}" .' for name in _NAMES)
 )

@@ -1,4 +1,4 @@
-"""The clauses of the contract, in their order; later ones build on earlier ones."""
+"""Clauses on the operations, on views and on the states of the node."""
 
 from __future__ import annotations
 
@@ -7,29 +7,16 @@ import contextlib
 import json
 import os
 import queue
-import signal
 import subprocess
 import threading
 
 from tests.clients.ros2 import without_ros
 from tests.clients.ros2.programs import NAMESPACE, ROOT, WAIT_S, Program
+from tests.clients.ros2.registry import ABORTED, CANCELED, HAND, SUCCEEDED, clause
 from tests.clients.ros2.robot import latched, sensor, set_fields
 from tests.clients.ros2.views import keep_publishing, show, since, time_fields
 
-HAND = {"name": "hand", "gripper_type": "nao_hand", "max_opening": 0.09, "max_payload": 0.5}
-SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
-CLAUSES = []
 SIGNATURES = ROOT / "tests/rtask/ros2/rclpy_signatures.txt"
-
-
-def clause(words):
-    """Register a clause of the contract; those later in the file build on the earlier ones."""
-
-    def register(check):
-        CLAUSES.append((words, check))
-        return check
-
-    return register
 
 
 @clause("the methods of rclpy that the node calls take what it passes")
@@ -228,9 +215,8 @@ def _(shell):
 
 @clause("a publisher of clouds may be reliable as well as best effort")
 def _(shell):
-    shell.robot.publishers = {
-        key: made for key, made in shell.robot.publishers.items() if key[0] != "/camera/points"
-    }
+    shell.end_camera()
+    shell.robot.forget_publishers("/camera/points")
     show(shell, 220.0, reliable=True)
     status, result, _ = shell.robot.see_again(header=since(220.0), gripper_id=shell.gripper)
     assert status == SUCCEEDED, result.refused
@@ -408,37 +394,6 @@ def _(shell):
         shell.robot.node.destroy_publisher(wrong)
 
 
-clause("rtask ros2 dds: a node without ROS 2 is seen, heard and, by Cyclone, called")(
-    without_ros.check
-)
-
-
-@clause("a report waits in the outbox while the server is gone, and is answered once it is back")
+@clause("rtask ros2 dds: a node without ROS 2 is seen, heard and, by Cyclone, called")
 def _(shell):
-    shell.server.end(signal.SIGKILL)
-    entry = shell.seen.objects[0]
-    # By its id alone: where the grasp is, only the decision says, which outlasts the server.
-    report = {"task_id": entry.task_id, "gripper_id": shell.gripper, "grasp": entry.grasps[0].id,
-              "success": [True]}  # fmt: skip
-    done = queue.Queue()
-    threading.Thread(
-        target=lambda: done.put(shell.robot.operation("report_outcome", **report)), daemon=True
-    ).start()
-    answer = done.get(timeout=WAIT_S)
-    assert "kept in" in answer.refused, answer.refused
-    shell.start_server()
-
-    outbox = shell.folder / "outbox"
-    shell.wait_for(lambda: not outbox.read_text(), "the answer of the server")
-    refused = outbox.with_name("outbox.refused")
-    assert not refused.exists(), refused.read_text()
-
-
-@clause("a signal ends it with exit code 0, and leaves the graph")
-def _(shell):
-    shell.end_camera()
-    assert shell.node.end(signal.SIGINT) == 0
-    shell.wait_for(
-        lambda: ("rtask_node", NAMESPACE) not in shell.robot.node.get_node_names_and_namespaces(),
-        "the node out of the graph",
-    )
+    return without_ros.check(shell)

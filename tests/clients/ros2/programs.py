@@ -72,8 +72,18 @@ class Program:
         try:
             return self.process.wait(20)
         except subprocess.TimeoutExpired:
-            os.killpg(self.process.pid, signal.SIGKILL)
+            self.kill()
             raise
+
+    def kill(self):
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+
+    @classmethod
+    def kill_all(cls):
+        """Leave no process behind, not even one that takes no signal."""
+        for program in cls.started:
+            program.kill()
 
 
 class Shell:
@@ -134,7 +144,8 @@ class Shell:
     def close(self):
         self.end_camera()
         for program in Program.started:
-            program.end()
+            with contextlib.suppress(subprocess.TimeoutExpired):  # it was killed then
+                program.end()
         if self.robot is not None:
             self.robot.close()
         self.stack.close()

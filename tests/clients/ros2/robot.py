@@ -58,10 +58,21 @@ class Robot:
 
     def operation(self, operation, /, **fields):
         """Call an operation with the fields of its request."""
+        return self.operation_in(NAMESPACE, operation, **fields)
+
+    def operation_in(self, namespace, operation, /, **fields):
+        """Call an operation of the node in another namespace."""
         import rtask_msgs.srv
 
         kind = getattr(rtask_msgs.srv, "".join(part.capitalize() for part in operation.split("_")))
-        return self.call(f"rtask/{operation}", kind, lambda request: set_fields(request, fields))
+        return self.call(
+            f"rtask/{operation}", kind, lambda request: set_fields(request, fields), namespace
+        )
+
+    def forget_publishers(self, topic):
+        """Take the publishers of a topic back, so that another of other quality may follow."""
+        for key in [key for key in self.publishers if key[0] == topic]:
+            self.node.destroy_publisher(self.publishers.pop(key))
 
     def hear(self, topic, kind, qos):
         """Return a queue of the messages of a topic from now on."""
@@ -79,19 +90,19 @@ class Robot:
         self.publishers[key].publish(message)
 
     def see_again(self, **fields):
-        """Send a goal until it succeeds, as long as only the newest transform is missing."""
+        """Send a goal again while a view or its transform was lost: best effort may lose them."""
         for _ in range(5):
             status, result, numbers = self.see(**fields)
-            if "no transform" not in result.refused:
+            if not re.search("no transform|within 5 s", result.refused):
                 break
         return status, result, numbers
 
-    def see(self, cancel_at=0, settle=None, **fields):
+    def see(self, cancel_at=0, settle=None, namespace=NAMESPACE, **fields):
         """Send a goal; return its status, its result and the numbers in its feedback."""
         from rclpy.action import ActionClient
         from rtask_msgs.action import See
 
-        client = ActionClient(self.node, See, f"{NAMESPACE}/rtask/see")
+        client = ActionClient(self.node, See, f"{namespace}/rtask/see")
         assert client.wait_for_server(timeout_sec=WAIT_S), "nobody offers rtask/see"
         goal, numbers, cancelled = See.Goal(), [], threading.Event()
         set_fields(goal, fields)

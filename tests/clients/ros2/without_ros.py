@@ -10,9 +10,9 @@ import subprocess
 from pathlib import Path
 
 from tests.clients.ros2.programs import ROOT, Program, own_python
+from tests.clients.ros2.registry import HAND
 
 NAMESPACE = "/dds"
-HAND = {"name": "hand", "gripper_type": "nao_hand", "max_opening": 0.09, "max_payload": 0.5}
 # The node of ROS 2 may be told to look on this machine only; so is this one.
 LOOPBACK = (
     '<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="lo"/></Interfaces>'

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pyoxigraph as ox
 import pytest
 from hypothesis import HealthCheck, given, settings
 
 import ontology
+import rtask
 from reasoner import ChangeBudget, Closure, ClosureTooLargeError, Config
 from reasoner.fixpoint import maintenance
 from reasoner.fixpoint.memo import Memo
+from rtask.kb.store.minters import Minters
 from tests.reasoner.test_closure_properties import IN_BULK, RULES, clashes
-from tests.reasoner.ttl import triples
+from tests.reasoner.ttl import triple, triples
 from tests.reasoner.worlds import WIDE
 
 WORLD = """
@@ -161,3 +165,33 @@ def test_the_ontology_is_derived_once_and_equals_a_rebuild(derived):
     missing, surplus = second.compare(Closure.build(facts, [], rules).inferred())
     assert not len(missing)
     assert not surplus
+
+
+def test_knowledge_bases_with_other_bases_share_what_follows_from_the_ontology(derived):
+    for base in ("https://one.example/kb/", "https://two.example/kb/", "https://two.example/kb/"):
+        rtask.open(":memory:", base=base).close()
+    nothing, ontology_size = derived
+    assert nothing == 0
+    assert ontology_size > 5_000
+
+
+OWNED = """
+:number a owl:InverseFunctionalProperty .
+<urn:a/robot/ann/x> :number 1 .
+<urn:a/robot/bob/y> :number 1 .
+"""
+
+
+def test_owners_of_names_are_asked_in_each_knowledge_base(derived):
+    is_one = triple("<urn:a/robot/ann/x> owl:sameAs <urn:a/robot/bob/y>")
+    for base, expected in (("urn:b/", True), ("urn:a/", False), ("urn:b/", True)):
+        closure = begun(triples(OWNED), config=replace(IN_BULK, owner=Minters(base)))
+        assert closure.contains(is_one) == expected, base
+    assert len(derived) == 3
+
+
+def test_what_a_rule_says_of_an_owned_name_is_derived_where_it_is_owned(derived):
+    rule = "CONSTRUCT { <urn:a/robot/ann/x> <urn:t:sees> ?x } WHERE { ?x a <urn:t:Mug> }"
+    for base in ("urn:b/", "urn:a/", "urn:b/"):
+        begun(triples(WORLD), [rule], replace(IN_BULK, owner=Minters(base)))
+    assert len(derived) == 2

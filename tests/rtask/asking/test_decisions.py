@@ -36,6 +36,12 @@ def test_a_refutation_says_what_would_make_the_statement_hold(kb: KnowledgeBase)
     assert found.commit == kb.seq
 
 
+def test_a_misspelt_term_is_told_from_one_that_nothing_has(kb: KnowledgeBase) -> None:
+    misspelt = (iri("urn:lab/object/8"), iri(RT + "graspWidht"), iri("urn:lab/object/7"))
+    reason = explain(kb, misspelt).to_dict()["reason"]
+    assert "nothing is known of rt:graspWidht; did you mean 'rt:graspWidth'?" in reason
+
+
 def test_texts_where_terms_are_needed_are_errors(kb: KnowledgeBase) -> None:
     with pytest.raises(UsageError, match="an IRI or a text"):
         kb.explain("urn:lab/object/8", RDF_TYPE, RT + "Mug")

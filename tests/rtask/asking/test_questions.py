@@ -34,6 +34,9 @@ NOW = dt.datetime(2026, 1, 1, 12, tzinfo=dt.UTC)
         ("red pens", "cq25", "Pen is red; pen is blue"),
         ("which things are slippery?", "cq25", "Mug is slippery; mug is white"),
         ("what colour is the mug?", "cq25", "Mug is white"),
+        ("how heavy is the mug?", "cq27", "Mug weighs 0.3 kg"),
+        ("how wide is the pen?", "cq28", "Pen, a hand must open 0.01 m"),
+        ("which hand does nao have?", "cq29", "Nao has nao_hand, which opens 0.05 m"),
         ("a heavy tool", "cq25", "The graph states nothing that answers this"),
         ("Where is <https://w3id.org/rtask-kg/kb/sample/mug>?", "cq22", "Https://"),
     ],
@@ -87,6 +90,60 @@ def test_what_is_called_a_kind_belongs_to_it_in_a_question() -> None:
     assert where.filled["object"][0] == "cartons"
     assert "<urn:6>" in where.sparql
     assert "<urn:7>" not in where.sparql
+
+
+_SHARED = """PREFIX rt: <https://w3id.org/rtask-kg/ns#>
+PREFIX prov: <http://www.w3.org/ns/prov#>
+PREFIX time: <http://www.w3.org/2006/time#>
+PREFIX cora: <http://purl.org/ieee1872-owl/cora-bare#>
+INSERT DATA {
+  <urn:nao> a cora:Robot ; rt:name "nao-1" .
+  <urn:panda> a cora:Robot ; rt:name "panda-1" .
+  <urn:5> a rt:ManipulableObject ; rt:name "carton-5" .
+  <urn:5/thing-ab12> a rt:ManipulableObject ; rt:exemplarOf <urn:5> .
+  <urn:box> a rt:SupportSurface ; rt:name "left box" .
+  <urn:g1> a rt:GraspConfiguration ; rt:gripperType "nao_hand" .
+  <urn:g2> a rt:GraspConfiguration ; rt:gripperType "panda_hand" ; prov:wasDerivedFrom <urn:g1> .
+  <urn:t1> rt:handles <urn:5> ; rt:through <urn:a1> .
+  <urn:a1> a rt:GraspAttempt ; rt:performedBy <urn:nao> ; rt:executesGrasp <urn:g1> ;
+    prov:endedAtTime "2026-01-01T08:00:00Z"^^xsd:dateTime ; rt:hasOutcome <urn:o1> .
+  <urn:o1> rt:success true .
+  <urn:t2> rt:handles <urn:5> ; rt:through <urn:a2> .
+  <urn:a2> a rt:GraspAttempt ; rt:performedBy <urn:panda> ; rt:executesGrasp <urn:g2> ;
+    prov:endedAtTime "2026-01-01T09:00:00Z"^^xsd:dateTime ; rt:hasOutcome <urn:o2> .
+  <urn:o2> rt:success false .
+  <urn:p> rt:placementOf <urn:5/thing-ab12> ; rt:placedIn <urn:box> ;
+    prov:wasAttributedTo <urn:nao> ; time:hasBeginning <urn:b> ; time:hasEnd <urn:e> .
+  <urn:b> time:inXSDDateTimeStamp "2025-12-30T08:00:00Z"^^xsd:dateTimeStamp .
+  <urn:e> time:inXSDDateTimeStamp "2026-01-01T10:30:00Z"^^xsd:dateTimeStamp .
+}"""
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("what did panda-1 learn from nao-1?", "Panda-1 grasped carton-5 as nao-1 had: not"),
+        ("who moved carton-5 last?", "Panda-1 grasped carton-5 last, 2026-01-01 09:00:00Z: not"),
+        ("how did a nao grasp carton-5?", "Nao-1 grasped carton-5 by nao_hand: held."),
+        (
+            "where was carton-5 yesterday?",
+            "Carton-5 (ab12) was in or on left box from 2025-12-30 08:00:00Z "
+            "until 2026-01-01 10:30:00Z, says nao-1.",
+        ),
+        ("where was carton-5 in the last hour?", "The graph states nothing that answers this"),
+        ("what was in the left box today?", "Carton-5 (ab12) was in or on left box"),
+    ],
+)  # fmt: skip
+def test_questions_about_what_robots_share_and_moved(text: str, said: str) -> None:
+    with rtask.open(":memory:", reason=False) as kb:
+        kb.update("PREFIX xsd: <http://www.w3.org/2001/XMLSchema#>\n" + _SHARED)
+        found = answer(kb, text, now=NOW)
+    assert found.sentence.startswith(said), (found.key, found.sentence)
+
+
+def test_two_robots_of_one_question_are_both_told(kb: KnowledgeBase) -> None:
+    filled = answer(kb, "what did nao learn from pr2?", now=NOW).filled
+    assert (filled["robot"][0], filled["robot 2"][0]) == ("nao", "pr2")
 
 
 @pytest.mark.parametrize(

@@ -356,7 +356,8 @@ def test_the_command_ends_with_1_where_something_must_be_mended(prefix, tmp_path
     def run(url: str) -> tuple[int, dict[str, Any]]:
         options = ("--json", "--wait", "0.1", "--server", url, "--domain", domain)
         with monkeypatch.context() as patch:  # not for the server, which is started by it
-            patch.setattr(sys, "executable", "/nowhere/python")
+            other = types.SimpleNamespace(executable="/nowhere/python")
+            patch.setattr("rtask.cli.ros2.graph.sys", other)
             done = CliRunner().invoke(cli, ["ros2", "doctor", *options])
         return done.exit_code, {each["name"]: each for each in json.loads(done.stdout)}
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from features.perception import perceive
-from rtask.interop.ros.body import RobotModel, body_of_json, body_pixels
+from rtask.interop.ros.robot.body import body_of_json, body_pixels
+from rtask.interop.ros.robot.model import RobotModel
 from simulate.act.commands import lay_objects
 from simulate.grasping.executor import Workcell
 from simulate.motion.collision import link_poses

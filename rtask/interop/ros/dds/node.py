@@ -11,6 +11,7 @@ from typing import Any
 
 from rtask.errors import RemoteUnavailableError, RtaskError, UsageError
 from rtask.interop.ros.dds.calling import ServiceClient, read_header, with_header
+from rtask.interop.ros.dds.library import check_single_library
 from rtask.interop.ros.dds.structs import Structs
 from rtask.interop.ros.dds.types import RosTypes
 
@@ -59,12 +60,15 @@ class DdsNode:
     ------
     RemoteUnavailableError
         DDS could not be started.
+    UsageError
+        Another Cyclone DDS was loaded into this process before.
     """
 
     def __init__(self, name: str, types: RosTypes, namespace: str = "/", domain: int = 0) -> None:
         from cyclonedds.core import DDSException, Policy, Qos, WaitSet
         from cyclonedds.domain import DomainParticipant
 
+        check_single_library()
         self.types, self._structs = types, Structs(types)
         self._name, self._namespace = name, "/" + namespace.strip("/")
         for type_, text in _GRAPH_TEXTS.items():

@@ -7,7 +7,8 @@ import pytest
 
 from features.perception import perceive
 from rtask.errors import UsageError
-from rtask.interop.ros.body import RobotModel, body_of_json, body_pixels
+from rtask.interop.ros.robot.body import body_of_json, body_pixels
+from rtask.interop.ros.robot.model import RobotModel
 from tests.rtask.interop.ros.scene import BASE_FROM_CAMERA, urdf_of, view
 
 
@@ -48,7 +49,8 @@ def test_each_shape_is_where_its_origin_says():
         "<mesh filename='package://a.stl'/></geometry></collision></link></robot>"
     )
     model = RobotModel(text)
-    assert model.notes == ["the shapes of a are meshes, which are not read"]
+    [note] = model.notes
+    assert note.startswith("the shape of a is not known: package://a.stl is not in this")
     shapes, _ = model.placed(lambda frame: np.eye(4), "base")
     points = np.array([[[1.9, 0.0, 0.0], [1.0, 0.0, 0.9], [0.1, 0.1, 0.0], [np.nan] * 3]])
     on_body = body_pixels(points, np.eye(4), body_of_json(shapes))

@@ -1,31 +1,33 @@
-"""The robot's own body in a view: its model (URDF) placed by TF, so that no part is an object.
-
-What the model says to be fixed to the robot, such as the walls of its own bins, is body as well.
-After ``robot_body_filter`` of ROS; here the body is taken out of what stands on the table only, so
-that a table that is part of the model stays the table.
-"""
+"""The robot's model (URDF): the collision shapes of its links, placed by TF."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rtask.errors import UsageError
+from rtask.errors import DataError, UsageError
 from rtask.interop.ros.convert import JsonObject
+from rtask.interop.ros.robot.meshes import MeshFiles, read_mesh
+from rtask.interop.ros.robot.surface import Surface, surface_of_mesh
 from rtask.interop.ros.scene.shapes import Floats, Solid
 
-__all__ = ["PADDING_M", "RobotModel", "body_of_json", "body_pixels"]
+__all__ = ["RobotModel", "checked_solid"]
 
-PADDING_M = 0.01
-"""How far from a surface of the body a point still belongs to it: joints, calibration and depth
-are not exact."""
 _DIMENSIONS = {"box": 3, "sphere": 1, "cylinder": 2}
 _LARGEST = 4_000_000
 """Characters of a model."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """A shape of a link: link_from_shape (4, 4), and what a request says of it."""
+
+    pose: Floats
+    message: JsonObject
 
 
 class RobotModel:
@@ -35,11 +37,13 @@ class RobotModel:
     ----------
     urdf
         The model, as ``robot_description`` has it.
+    meshes
+        Finds the files of meshes that it names; those of this environment by default.
 
     Attributes
     ----------
     notes
-        What of it cannot be used, in words: files of meshes are not read.
+        What of the body is not known, in words: meshes that are not here, or cannot be read.
 
     Raises
     ------
@@ -55,7 +59,7 @@ class RobotModel:
     ([('sphere', [0.05])], [])
     """
 
-    def __init__(self, urdf: str) -> None:
+    def __init__(self, urdf: str, meshes: MeshFiles | None = None) -> None:
         # ElementTree expands entities without end; a model declares none.
         if len(urdf) > _LARGEST or "<!ENTITY" in urdf:
             raise UsageError("robot_description is too large, or declares entities")
@@ -66,19 +70,48 @@ class RobotModel:
         if root.tag != "robot":
             raise UsageError(f"robot_description is no URDF, but <{root.tag}>")
         self.notes: list[str] = []
-        self._links: dict[str, list[Solid]] = {}
-        meshes: list[str] = []
+        self._files = meshes or MeshFiles()
+        self._links: dict[str, list[_Shape]] = {}
         for link in root.iterfind("link"):
             name = link.get("name", "")
             for collision in link.iterfind("collision"):
-                solid = _solid(collision, name)
-                if solid is None:
-                    meshes.append(name)
-                else:
-                    self._links.setdefault(name, []).append(solid)
-        if meshes:
-            names = ", ".join(sorted(set(meshes)))
-            self.notes.append(f"the shapes of {names} are meshes, which are not read")
+                shape = self._shape_of(collision, name)
+                if shape is not None:
+                    self._links.setdefault(name, []).append(shape)
+        if not self._links and root.find("link") is not None:
+            self.notes.append("no link has a collision shape that is known")
+
+    def _shape_of(self, collision: ElementTree.Element, link: str) -> _Shape | None:
+        """Return the shape of a ``<collision>``; None where it is not known, which is noted."""
+        geometry = collision.find("geometry")
+        shape = geometry[0] if geometry is not None and len(geometry) else None
+        what = f"robot_description, link {link!r}"
+        if shape is None:
+            self.notes.append(f"a collision of {link} has no shape")
+            return None
+        pose = _origin(collision.find("origin"), what)
+        if shape.tag != "mesh":
+            solid = _solid(shape, pose, what)
+            return _Shape(solid.pose, {"kind": solid.kind, "size": list(solid.size)})
+        try:
+            surface = self._surface(shape, pose, what)
+        except (DataError, UsageError) as error:
+            self.notes.append(f"the shape of {link} is not known: {error}")
+            return None
+        size = [surface.radius]
+        return _Shape(pose, {"kind": "points", "size": size, "points": surface.as_text()})
+
+    def _surface(self, mesh: ElementTree.Element, pose: Floats, what: str) -> Surface:
+        uri = mesh.get("filename", "")
+        path = self._files.find(uri)
+        if path is None:
+            raise DataError(
+                f"{uri} is not in this environment; source the workspace of its package"
+            )
+        scale = np.array(_numbers(mesh.get("scale", "1 1 1"), what))
+        if scale.shape != (3,):
+            raise UsageError(f"{what}: a scale of {len(scale)} numbers")
+        return surface_of_mesh(read_mesh(path, scale), pose)
 
     def placed(
         self, lookup: Callable[[str], Floats], base: str
@@ -98,96 +131,30 @@ class RobotModel:
         prefix, slash, _ = base.strip("/").rpartition("/")
         shapes: list[JsonObject] = []
         unplaced: list[str] = []
-        for name, solids in self._links.items():
+        for name, parts in self._links.items():
             try:
                 base_from_link = lookup(f"{prefix}{slash}{name}")
             except UsageError:
                 unplaced.append(name)
                 continue
-            for solid in solids:
-                pose = base_from_link @ solid.pose
-                shapes.append(
-                    {"kind": solid.kind, "size": list(solid.size), "pose": pose.ravel().tolist()}
-                )
+            for part in parts:
+                pose = base_from_link @ part.pose
+                shapes.append({**part.message, "pose": pose.ravel().tolist()})
         return shapes, unplaced
 
 
-def body_of_json(shapes: Sequence[JsonObject]) -> list[Solid]:
-    """Return the shapes of a request; poses are base_from_shape.
-
-    Raises
-    ------
-    UsageError
-        One is none.
-    """
-    solids = []
-    for number, shape in enumerate(shapes):
-        kind = str(shape.get("kind"))
-        try:
-            size = tuple(float(value) for value in shape["size"])
-            pose = np.array(shape["pose"], dtype=np.float64).reshape(4, 4)
-        except (KeyError, TypeError, ValueError) as error:
-            raise UsageError(f"shape {number} of the body: {error!r}") from error
-        solids.append(_checked(kind, size, pose, f"shape {number} of the body"))
-    return solids
-
-
-def body_pixels(
-    points: NDArray[np.floating], base_from_camera: Floats, body: Sequence[Solid]
-) -> NDArray[np.bool_]:
-    """Return which points of a view lie on or in the body.
-
-    Parameters
-    ----------
-    points : (h, w, 3), m
-        In the frame of the camera; NaN where nothing was measured.
-    base_from_camera : (4, 4)
-    body
-        Shapes, posed in the base frame.
-
-    Returns
-    -------
-    (h, w) bool
-    """
-    flat = points.reshape(-1, 3)
-    on_body = np.zeros(len(flat), dtype=bool)
-    used = np.flatnonzero(np.isfinite(flat).all(axis=1))
-    if not len(used):
-        return on_body.reshape(points.shape[:-1])
-    low, high = flat[used].min(axis=0), flat[used].max(axis=0)
-    for solid in body:
-        shape_from_camera = np.linalg.inv(solid.pose) @ base_from_camera
-        middle = np.linalg.inv(shape_from_camera)[:3, 3]
-        reach = solid.ball()[1] + PADDING_M
-        if (middle + reach < low).any() or (middle - reach > high).any():
-            continue
-        near = used
-        for axis in (2, 0, 1):  # most of a view is far from most shapes
-            near = near[np.abs(flat[near, axis] - middle[axis]) <= reach]
-        if len(near):
-            seen = flat[near].astype(np.float64)
-            local = seen @ shape_from_camera[:3, :3].T + shape_from_camera[:3, 3]
-            on_body[near[solid.distance(local) <= PADDING_M]] = True
-    return on_body.reshape(points.shape[:-1])
-
-
-def _solid(collision: ElementTree.Element, link: str) -> Solid | None:
-    """Return the shape of a ``<collision>``; None for a mesh."""
-    geometry = collision.find("geometry")
-    shape = geometry[0] if geometry is not None and len(geometry) else None
-    if shape is None or shape.tag == "mesh":
-        return None
-    what = f"robot_description, link {link!r}"
+def _solid(shape: ElementTree.Element, pose: Floats, what: str) -> Solid:
+    """Return a shape that is no mesh."""
     if shape.tag == "box":
         size = _numbers(shape.get("size"), what)
     elif shape.tag == "sphere":
         size = _numbers(shape.get("radius"), what)
     else:  # a cylinder; or another tag, which is refused
         size = _numbers(f"{shape.get('length', '')} {shape.get('radius', '')}", what)
-    return _checked(shape.tag, size, _origin(collision.find("origin"), what), what)
+    return checked_solid(shape.tag, size, pose, what)
 
 
-def _checked(kind: str, size: tuple[float, ...], pose: Floats, what: str) -> Solid:
+def checked_solid(kind: str, size: tuple[float, ...], pose: Floats, what: str) -> Solid:
     if len(size) != _DIMENSIONS.get(kind, -1) or not all(0 < v < math.inf for v in size):
         raise UsageError(f"{what}: {kind} of {list(size)}; expected a box, sphere or cylinder")
     turn = pose[:3, :3]
