@@ -11,7 +11,7 @@ in both together.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -151,7 +151,8 @@ def _moved(factory: FactoryMap, own: ScoreMap) -> FactoryMap:
 
 
 def _with_numbers(factory: FactoryMap, numbers: FloatArray) -> FactoryMap:
-    return FactoryMap(*(float(number) for number in numbers), factory.shortfall)
+    names = [f.name for f in fields(factory) if f.name != "shortfall"]
+    return replace(factory, **dict(zip(names, map(float, numbers), strict=True)))
 
 
 def _fit(rows: _Trials) -> tuple[FactoryMap, dict[str, ScoreMap], float]:
@@ -247,10 +248,8 @@ def _whole(
 
 def _shortfall(grasps: Sequence[TriedGrasp], chances: FloatArray, name: str) -> float:
     """Return how many spreads nine of ten picks stay at most below their chance."""
-    picks = np.flatnonzero([g.is_pick for g in grasps])
-    shares = np.array([
-        (grasps[k].lifted if name == "lift" else grasps[k].carried) / grasps[k].trials
-        for k in picks
-    ])  # fmt: skip
-    spread = np.array([chance_spread(float(chances[k])) for k in picks])
-    return band_margin((chances[picks] - shares) / spread, np.zeros(len(picks)), _COVERAGE)
+    picks = [(g, float(chance)) for g, chance in zip(grasps, chances, strict=True) if g.is_pick]
+    shares = np.array([(g.lifted if name == "lift" else g.carried) / g.trials for g, _ in picks])
+    spread = np.array([chance_spread(chance) for _, chance in picks])
+    over = np.array([chance for _, chance in picks]) - shares
+    return band_margin(over / spread, np.zeros(len(picks)), _COVERAGE)

@@ -97,7 +97,8 @@ def _thick_enough(part: Floats) -> Floats:
 
 
 def _turned(rng: np.random.Generator, part: Floats, place: Floats) -> Floats:
-    return part @ Rotation.from_quat(rng.normal(size=4)).as_matrix().T + place
+    turn = Rotation.from_quat(rng.normal(size=4)).as_matrix()
+    return np.asarray(part @ turn.T + place)
 
 
 def _ellipsoid(half: Floats) -> Floats:
