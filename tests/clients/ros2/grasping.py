@@ -19,14 +19,16 @@ ABOUT_ARM = (
     "arm, = describe('panda').arms.values(); "
     "print(json.dumps([arm.name, arm.joints, arm.home]))"
 )
-MISBEHAVIOURS = {
-    "aborts": "aborted",
+HOW_GOALS_END = {
+    "aborts": "aborted (status 6 of ROS 2)",
     "leaves the path": "-4 (PATH_TOLERANCE_VIOLATED): joint 2 is off its path",
-    "is cancelled by another": "canceled",
+    "is cancelled by another": "canceled (status 5 of ROS 2)",
     "rejects": "the driver rejected the goal",
     "stands": "rad from its goal",
+}
+HOW_STATES_END = {
     "old": "s old; restart the driver",
-    "frozen": "the joint states",
+    "frozen": "s old; restart the driver",
     "falls silent": "no new joint state came for 3 s during the motion",
     "dies": "no new joint state came for 3 s during the motion",
 }
@@ -141,11 +143,22 @@ def _(shell):
     return out.strip()
 
 
-@clause("rtask robot reach --ros2 gives up, and says why, where the arm or its link misbehaves")
+@clause("rtask robot reach --ros2 gives up, and says why, where the driver ends a goal otherwise")
 def _(shell):
     if words := why_no_arm(shell):
         return words
-    for behaviour, words in MISBEHAVIOURS.items():
+    for behaviour, words in HOW_GOALS_END.items():
+        code, out, err, _ = reach_with(shell, behaviour)
+        assert (code, out) == (3, ""), (behaviour, code, out, err[-900:])
+        assert words in err, (behaviour, err[-900:])
+    return ", ".join(HOW_GOALS_END)
+
+
+@clause("rtask robot reach --ros2 gives up where joint states are old or stop, or the link is lost")
+def _(shell):
+    if words := why_no_arm(shell):
+        return words
+    for behaviour, words in HOW_STATES_END.items():
         code, out, err, arm = reach_with(shell, behaviour)
         assert (code, out) == (3, ""), (behaviour, code, out, err[-900:])
         assert words in err, (behaviour, err[-900:])
@@ -153,4 +166,4 @@ def _(shell):
             assert "cancelled" in arm, (behaviour, arm)
         elif behaviour == "dies":
             assert "nobody can tell whether the arm" in err, err[-900:]
-    return ", ".join(MISBEHAVIOURS)
+    return ", ".join(HOW_STATES_END)
