@@ -12,7 +12,7 @@ from tests.clients.ros2.programs import NAMESPACE, ROOT, WAIT_S, Program
 from tests.clients.ros2.registry import ABORTED, SUCCEEDED, clause
 from tests.clients.ros2.views import show, since
 
-AT_ONCE = 5
+AT_ONCE = 3
 # Where a Panda reaches over the table that RTASK gives it, m.
 GOAL = ("0.47", "0.1", "0.235")
 ABOUT_ARM = (
