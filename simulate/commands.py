@@ -22,6 +22,7 @@ from simulate.act.commands import act_serve, act_test
 from simulate.agent.decisions import Thresholds
 from simulate.fleet.commands import fetch
 from simulate.ros.commands import ros, ros2, ros_reach
+from simulate.tasks.arms.command import crew
 from simulate.tasks.commands import tasks
 
 __all__ = ["demo", "simulate"]
@@ -282,6 +283,7 @@ simulate.add_command(act_serve)
 simulate.add_command(ros)
 simulate.add_command(ros2)
 simulate.add_command(tasks)
+simulate.add_command(crew)
 simulate.add_command(ros_reach)
 
 
@@ -325,7 +327,8 @@ def film(
     other options do not apply to it.
     """
     from simulate.robots import check_robot
-    from simulate.study.film.robots import Film, check_film, film_robot, write_film
+    from simulate.study.film.robots import Film, film_robot, write_film
+    from simulate.world.animation import check_film
     from simulate.world.quiet import banner_on_stderr
 
     check_film(out)

@@ -11,7 +11,7 @@ from rtask.tasks.actions import Select
 from rtask.tasks.plan import Refusal
 from rtask.tasks.planning.problem import Atom, Problem
 from rtask.tasks.planning.unsolvable import Obstacle, explain_unsolvable
-from rtask.tasks.steps import Wording, excluded_by, statement_of
+from rtask.tasks.steps import Wording, excluded_by, excluded_link, statement_of
 
 __all__ = ["refusal"]
 
@@ -72,6 +72,12 @@ def _remedy(select: Select, obstacle: Obstacle, wording: Wording) -> str:
         if (excluded := excluded_by(atom)) is not None
         for subject, kind in _stated(select, *excluded)
     )
+    links = " . ".join(
+        " ".join(str(NamedNode(part)) for part in link)
+        for atom in obstacle.missing
+        if (link := excluded_link(atom)) is not None
+    )
+    over = " . ".join(part for part in (over, links) if part)
     if over:
         how += (
             "; once that is over, withdraw it: "
@@ -97,6 +103,10 @@ def _reason(select: Select, atom: Atom, wording: Wording) -> str:
     if excluded is not None:
         name, label = wording.name(excluded[0]), wording.labels.get(excluded[1])
         return f"{name} is {label or local_name(excluded[1])}"
+    link = excluded_link(atom)
+    if link is not None:
+        label = wording.labels.get(link[1]) or local_name(link[1])
+        return f"{wording.name(link[0])} is {label} {wording.name(link[2])}"
     if statement is None:
         return f"it does not hold that {wording.atom(atom)}"
     if statement[1] != RT.canGrasp.value:

@@ -13,7 +13,7 @@ from rtask.tasks.patterns import Pattern
 from rtask.tasks.plan import PlannedStep, Support
 from rtask.tasks.planning.problem import Atom, Problem, Step
 
-__all__ = ["Wording", "excluded_by", "planned_steps", "statement_of"]
+__all__ = ["Wording", "excluded_by", "excluded_link", "planned_steps", "statement_of"]
 
 
 def statement_of(atom: Atom) -> tuple[str, str, str] | None:
@@ -23,6 +23,7 @@ def statement_of(atom: Atom) -> tuple[str, str, str] | None:
 
 
 _EXCLUDED = re.compile(r"FILTER NOT EXISTS { \?1 (?:a|<[^<>]*#type>) <([^<>]*)> }")
+_EXCLUDED_LINK = re.compile(r"FILTER NOT EXISTS { \?1 <([^<>]*)> \?2 }")
 
 
 def excluded_by(atom: Atom) -> tuple[str, str] | None:
@@ -33,6 +34,16 @@ def excluded_by(atom: Atom) -> tuple[str, str] | None:
     """
     match = _EXCLUDED.fullmatch(atom[0])
     return (atom[1], match[1]) if match is not None else None
+
+
+def excluded_link(atom: Atom) -> tuple[str, str, str] | None:
+    """Return the statement that a fact says is not made about two things; None if no such fact.
+
+    >>> excluded_link(("FILTER NOT EXISTS { ?1 <urn:p> ?2 }", "urn:box", "urn:hand"))
+    ('urn:box', 'urn:p', 'urn:hand')
+    """
+    match = _EXCLUDED_LINK.fullmatch(atom[0])
+    return (atom[1], match[1], atom[2]) if match is not None and len(atom) > 2 else None
 
 
 @dataclass(frozen=True)
@@ -57,6 +68,10 @@ class Wording:
         if excluded is not None:
             label = self.labels.get(excluded[1]) or local_name(excluded[1])
             return f"{self.name(excluded[0])} is not {label}"
+        link = excluded_link(atom)
+        if link is not None:
+            label = self.labels.get(link[1]) or local_name(link[1])
+            return f"{self.name(link[0])} is not {label} {self.name(link[2])}"
         text = re.sub(r"<([^<>]*)>", lambda m: self.labels.get(m[1]) or local_name(m[1]), atom[0])
         names = {f"?{n}": self.name(value) for n, value in enumerate(atom[1:], 1)}
         text = re.sub(r"\?\d+", lambda m: names.get(m[0], m[0]), text)

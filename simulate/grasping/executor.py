@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from simulate.grasping.attempt.run import AttemptRun
@@ -17,7 +17,7 @@ from simulate.robots import RobotDescription, describe
 from simulate.robots.description import Floats
 from simulate.world.eyes import Eyes
 from simulate.world.robot_body import RobotBody
-from simulate.world.world import World
+from simulate.world.world import PlaceBox, World
 
 __all__ = ["Executor", "GraspRecord", "GraspRequest", "PlannedGrasp", "Workcell"]
 
@@ -33,6 +33,11 @@ class Executor:
         The world and the robot that stands in it.
     eyes
         Cameras of the robot; None selects a perfect sensor in the standard light.
+    boxes
+        Boxes that the robot places into, by side, base frame; None = all of the world, for a robot
+        that stands at the origin.
+    furniture
+        Boxes of others that stand in its way, base frame.
 
     Notes
     -----
@@ -40,20 +45,29 @@ class Executor:
     with: the table and its boxes. Execution judges by the robot's fingers and eyes.
     """
 
-    def __init__(self, world: World, robot: RobotBody, eyes: Eyes | None = None) -> None:
+    def __init__(
+        self,
+        world: World,
+        robot: RobotBody,
+        eyes: Eyes | None = None,
+        *,
+        boxes: Mapping[str, PlaceBox] | None = None,
+        furniture: Sequence[PlaceBox] = (),
+    ) -> None:
         self.world = world
         self.robot = robot
         self.eyes = eyes or Eyes(robot)
+        self.boxes = world.place_boxes if boxes is None else boxes
         walls = [
             Obstacle.box("box", centre, size)
-            for box in world.place_boxes.values()
+            for box in (*self.boxes.values(), *furniture)
             for centre, size in box.walls()
         ]
         self._furniture = walls
         self.space = ArmSpace(robot.description, walls)
         self.planner = GraspPlanner(self.space)
         self._planners = {UPRIGHT: self.planner}
-        self._placed_before = dict.fromkeys(world.place_boxes, 0)
+        self._placed_before = dict.fromkeys(self.boxes, 0)
 
     def plan(
         self,
@@ -144,6 +158,10 @@ class Executor:
     ) -> AttemptRun:
         """Return a run of the plan, to be driven phase by phase; nothing moves yet."""
         return AttemptRun(self, plan, on_phase)
+
+    def box_for(self, side: int, y: float) -> PlaceBox | None:
+        """Return the box that an arm of a side (0 = both) uses for something at y m, if any."""
+        return self.boxes.get("left" if (side or y) > 0 else "right")
 
     def next_spot(self, side: str) -> int:
         """Return how many objects were put into a box before, and count one more."""

@@ -18,7 +18,7 @@ from simulate.motion.trajectory import CARRYING_ACCELERATION, Trajectory, join, 
 from simulate.robots.description import Floats
 from simulate.world.world import PlaceBox
 
-__all__ = ["PlacePlan", "PlaceSpot", "held_load", "plan_place", "plan_rise"]
+__all__ = ["TABLE_DESCENTS", "PlacePlan", "PlaceSpot", "held_load", "plan_place", "plan_rise"]
 
 _SPOTS = ((0.0, 0.0), (-0.03, 0.03), (-0.03, -0.03), (0.03, 0.03), (0.03, -0.03))
 _SPOT_M = 0.03
@@ -26,6 +26,8 @@ _DESCENTS = ((0.012, 0.055), (0.025, 0.055), (0.040, 0.040), (0.060, 0.020), (0.
 """Bottom of the object over the ground of the box when the hand opens, and the straight way down
 to there, m. Low is gentle; long things may only fit over the walls."""
 _GENTLE = (0.003, 0.055)
+TABLE_DESCENTS = (_GENTLE, *_DESCENTS)
+"""The same for a table: an object is lowered fully if it can be, as a drop may topple it."""
 _POSTURES_TRIED = 6
 _TURN_WEIGHT, _JOINT_WEIGHT = 3.0, 0.3
 _LOAD_TOLERANCE = 0.012
@@ -90,8 +92,8 @@ class PlaceSpot:
 
     @classmethod
     def on_table(cls, x: float, y: float, floor: float) -> PlaceSpot:
-        """Return one place on a table; the object is lowered fully, as a drop may topple it."""
-        return cls(floor, ((x, y),), (_GENTLE, *_DESCENTS), walled=False)
+        """Return one place on a table."""
+        return cls(floor, ((x, y),), TABLE_DESCENTS, walled=False)
 
     @classmethod
     def in_box(

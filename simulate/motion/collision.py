@@ -340,18 +340,18 @@ class ArmSpheres:
     def shows(self, q: Floats, points: Floats, margin: float) -> NDArray[np.bool_]:
         """Tell which points (n, 3), m, base frame, lie on the arm in a posture (dof,), or near."""
         on_arm = np.zeros(len(points), dtype=np.bool_)
-        for centre, radius in zip(self._places(q[None])[0], self.radii, strict=True):
+        for centre, radius in zip(self.places(q[None])[0], self.radii, strict=True):
             on_arm |= np.square(points - centre).sum(axis=1) < (radius + margin) ** 2
         return on_arm
 
-    def _places(self, q: Floats) -> Floats:
+    def places(self, q: Floats) -> Floats:
         """Return the middles (b, n, 3) of the spheres, m, base frame."""
         rotations, positions = self.chain.link_frames(q)
         rotated = (rotations[:, self.link] @ self.centres[None, :, :, None])[..., 0]
         return np.asarray(rotated + positions[:, self.link])
 
     def _pairs(self, q: Floats, surroundings: Surroundings, slack: Floats) -> Floats:
-        points = self._places(q)
+        points = self.places(q)
         batch, count = points.shape[:2]
         distances = surroundings.distances(points.reshape(-1, 3)).reshape(-1, batch, count)
         pairs: Floats = (distances - self.radii + slack[:, None, :]).transpose(1, 0, 2)

@@ -4,9 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
-__all__ = ["Deed", "Seeing", "TaskBody"]
+__all__ = ["Attempted", "Deed", "Seeing", "TaskBody"]
+
+
+@dataclass(frozen=True)
+class Attempted:
+    """A grasp that was tried, as it is reported.
+
+    Parameters
+    ----------
+    grasp
+        As the graph offered it.
+    outcome
+        As :func:`simulate.agent.messages.outcome_message` has it.
+    observation
+        The view of the thing that it was planned on; None where the graph needs none.
+    """
+
+    grasp: Mapping[str, Any]
+    outcome: Mapping[str, Any]
+    observation: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -23,12 +42,18 @@ class Deed:
         How long it took, s.
     lifted_m
         How far the thing was lifted, m; None where nothing was lifted.
+    attempt
+        The grasp and all that was measured; None where the robot knows no more than the above.
+    was_tried
+        Whether a hand did anything: what was never tried says nothing about grasps.
     """
 
     success: bool
     reason: str = "ok"
     duration_s: float = 0.0
     lifted_m: float | None = None
+    attempt: Attempted | None = None
+    was_tried: bool = True
 
 
 class TaskBody(Protocol):

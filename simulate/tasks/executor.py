@@ -17,7 +17,7 @@ from rtask.errors import ConflictError, RtaskError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.tasks.queue.asking import PATIENCE_S
 from simulate.tasks.actions import TaskAction, available_actions
-from simulate.tasks.body import Deed, Seeing, TaskBody
+from simulate.tasks.body import Attempted, Deed, Seeing, TaskBody
 from simulate.tasks.questions import Reply, about_acting, about_place, read_reply
 
 __all__ = ["Executor", "Graph", "Turn"]
@@ -194,8 +194,11 @@ class Executor:
         """Report the outcome of a grasp of a known product; return whether it is one."""
         item, hand = claim["arguments"]["thing"], claim["arguments"]["hand"]
         rows = self.graph.query(_PRODUCT % item)
-        if not rows or hand not in self.body.hands:
+        if not rows or hand not in self.body.hands or not deed.was_tried:
             return False
+        if deed.attempt is not None:
+            self._report_attempt(claim, deed.attempt, str(rows[0]["product"]))
+            return True
         width = rows[0]["width"]
         outcome = {
             "success": deed.success,
@@ -211,6 +214,19 @@ class Executor:
             outcome={name: value for name, value in outcome.items() if value is not None},
         )  # fmt: skip
         return True
+
+    def _report_attempt(self, claim: Mapping[str, Any], attempt: Attempted, product: str) -> None:
+        """Report a grasp as it was; one that the graph does not keep goes with its view."""
+        item, hand = claim["arguments"]["thing"], claim["arguments"]["hand"]
+        common: dict[str, Any] = {
+            "object": product, "thing": item, "gripper_id": self.body.hands[hand], "task": "pick",
+            "task_id": _report_id(claim["task"]), "grasp": dict(attempt.grasp),
+            "outcome": dict(attempt.outcome),
+        }  # fmt: skip
+        if "tool_pose" in attempt.grasp and attempt.observation is not None:
+            self.graph.call("insert_object", objects=[{**attempt.observation, **common}])
+        else:
+            self.graph.call("report_outcome", **common)
 
     def _who(self) -> dict[str, str]:
         return {} if self.robot is None else {"robot": self.robot}

@@ -257,10 +257,14 @@ class World:
         if not np.isfinite(self.table_height):
             raise UsageError("add the table before its boxes")
         box = PlaceBox.at(self.workplace, side, self.table_height)
-        for centre, size in box.walls():
-            self._static_box(centre, size, _BOX_COLOUR)
+        self.add_box(box)
         self.place_boxes[box.side] = box
         return box
+
+    def add_box(self, box: PlaceBox) -> None:
+        """Add the walls of a box on the table, which belongs to nobody yet."""
+        for centre, size in box.walls():
+            self._static_box(centre, size, _BOX_COLOUR)
 
     def box_for(self, side: int, y: float) -> PlaceBox | None:
         """Return the box that an arm of a side (0 = both) uses for something at y m, if any."""

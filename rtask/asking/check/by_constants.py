@@ -17,6 +17,7 @@ __all__ = ["ByConstants"]
 _READ_AS = {
     "number": {"number"}, "text": {"text"}, "moment": {"moment"},
     "quantity": {"number", "moment", "duration"},
+    "ordered": {"number", "moment", "duration", "text"},
 }  # fmt: skip
 
 
@@ -56,7 +57,8 @@ class ByConstants(Look):
         for variable, kind in context.compared:
             if is_same_variable(variable, demand.node) and not _may_be(demand, kind):
                 what = demanded(self._vocabulary, demand)
-                return f"?{demand.node.value} is read as a {kind}, but {what}"
+                read = "value with an order" if kind == "ordered" else kind
+                return f"?{demand.node.value} is read as a {read}, but {what}"
         return ""
 
     def _kind(self, demand: Demand, context: Context) -> str:
@@ -68,7 +70,7 @@ class ByConstants(Look):
         things = [term for term in things if term.kind == "iri"]
         if not things or any(self._suits(term, demand.bits) for term in things):
             return ""
-        if node.kind == "iri" and self._evidence.matches(demand.edge):
+        if any(self._evidence.matches(_with(demand, thing)) for thing in things):
             return ""
         what = self._what_is(things[0])
         return f"{local(things[0].value)} is {what}, but {demanded(self._vocabulary, demand)}"
@@ -87,6 +89,13 @@ class ByConstants(Look):
             return "a class"
         specific = sorted(self._vocabulary.most_specific(kinds))
         return f"a {label_of(self._vocabulary, specific[0])}"
+
+
+def _with(demand: Demand, thing: Node) -> Edge:
+    """Return the pattern of a demand with a thing at its end."""
+    edge = demand.edge
+    subject, value = (edge.subject, thing) if demand.at else (thing, edge.object)
+    return Edge(subject, edge.steps, value, edge.start, edge.end)
 
 
 def _may_be(demand: Demand, kind: str) -> bool:

@@ -12,6 +12,7 @@ import ontology
 from rtask.asking.check.findings import Finding
 from rtask.asking.check.fitting import is_same_variable
 from rtask.asking.check.look import Look
+from rtask.asking.check.metamodel import CLASS, PROPERTY
 from rtask.asking.check.syntax.outline import Edge
 from rtask.asking.check.types import TYPE, Context
 from rtask.asking.check.vocabulary import local
@@ -55,6 +56,10 @@ class ByTerms(Look):
             return True
         return place == 0 and self._evidence.is_of_terms(iri, self._vocabulary)
 
+    @property
+    def _metamodel(self) -> int:
+        return self._vocabulary.below[CLASS] | self._vocabulary.below[PROPERTY]
+
     def _is_individual(self, iri: str) -> bool:
         if iri in self._vocabulary.bit or iri in self._vocabulary.properties:
             return False
@@ -71,6 +76,8 @@ class ByTerms(Look):
                 given = self._fitting.demands.of(other, context)
                 if given is None or given[other_at].bits is None:
                     continue
+                if (given[other_at].bits or 0) & self._metamodel:
+                    continue  # ?r a owl:Restriction
                 if self._evidence.meet(edge, at, other, other_at) is True:
                     continue
                 own = [pattern for pattern in (edge, other) if pattern in context.own]

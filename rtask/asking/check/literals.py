@@ -39,12 +39,12 @@ def check_literals(
             continue
         for edge in group.edges:
             if len(edge.steps) == 1 and not edge.is_loose:
-                for finding in (*_constant(edge, vocabulary), *_label(edge, evidence)):
+                for finding in (*_constant(edge, vocabulary, evidence), *_label(edge, evidence)):
                     repairs = finding.repairs or tuple(others(edge))
                     yield replace(finding, repairs=repairs)
 
 
-def _constant(edge: Edge, vocabulary: Vocabulary) -> Iterator[Finding]:
+def _constant(edge: Edge, vocabulary: Vocabulary, evidence: Evidence) -> Iterator[Finding]:
     (step,) = edge.steps
     axioms = vocabulary.properties.get(step.node.value)
     about, value = edge.ends[:: -1 if step.is_inverse else 1]
@@ -67,7 +67,10 @@ def _constant(edge: Edge, vocabulary: Vocabulary) -> Iterator[Finding]:
         words = f"the values of {name} are things, never a literal such as this"
         yield Finding("thing-expected", "certain", value.start, value.end, words)
         return
-    yield from _datatype(value, axioms, name)
+    # A graph may hold values of another type, such as xsd:dateTime for a time stamp.
+    for finding in _datatype(value, axioms, name):
+        if not evidence.matches(edge):
+            yield finding
 
 
 def _label(edge: Edge, evidence: Evidence) -> Iterator[Finding]:

@@ -144,6 +144,7 @@ class Context:
 _READ_AS = {
     "number": ("double",), "text": ("string",), "moment": ("dateTime", "dateTimeStamp", "date"),
     "quantity": ("double", "dateTime", "dateTimeStamp", "date"), "literal": (),
+    "ordered": (),
 }  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from rtask.asking.check.findings import Edit, Finding, Repair
 from rtask.asking.check.naming.names import likeness, words_of
 from rtask.asking.check.syntax.outline import Group, Node, Outline
+from rtask.asking.check.vocabulary import local
 from rtask.rdf.terms import RDF_TYPE
 
 __all__ = ["check_variables"]
@@ -114,18 +115,40 @@ def _once(
     """
     if outline.selects_all:
         return
-    others = [name for name in counts if not name.startswith((" ", "_:"))]
+    others = {as_written(name) for name in counts if not name.startswith((" ", "_:"))}
+    explained = _named_after_patterns(outline)
     for node in bound:
-        name = node.value
-        if counts[name] > 1 or name in shown or name.startswith((" ", "_:")) or len(name) < 3:
+        name = as_written(node.value)
+        if counts[node.value] > 1 or node.value in shown or node.value in explained:
             continue
-        near = max((o for o in others if o != name), key=lambda o: likeness(name, o), default="")
+        if name.startswith((" ", "_:")) or len(name) < 3:
+            continue
+        near = max(others - {name}, key=lambda o: (likeness(name, o), o), default="")
         if near and likeness(name, near) >= _NEAR and _differs_little(name, near):
-            words = (
-                f"?{as_written(name)} occurs once and is not shown; "
-                f"?{as_written(near)} is spelt much like it"
-            )
+            words = f"?{name} occurs once and is not shown; ?{near} is spelt much like it"
             yield Finding("used-once", "likely", node.start, node.end, words, _renamed(node, near))
+
+
+def _named_after_patterns(outline: Outline) -> set[str]:
+    """Return the variables whose words are all those of a property or class beside them.
+
+    ``?minOpening`` of ``rt:minOpening`` is no misspelt ``?maxOpening``.
+    """
+    explained: set[str] = set()
+    for group in outline.body.walk():
+        for edge in group.edges:
+            terms = [step.node.value for step in edge.steps]
+            if edge.object.kind == "iri":
+                terms.append(edge.object.value)
+            known = {word for iri in terms for word in words_of(local(iri))}
+            explained.update(
+                node.value
+                for node in edge.variables
+                if known.issuperset(
+                    word for word in words_of(as_written(node.value)) if not word.isdigit()
+                )
+            )
+    return explained
 
 
 def _slips(
@@ -179,7 +202,8 @@ def _is_slip(name: str, other: str) -> bool:
 def _differs_little(name: str, other: str) -> bool:
     """Return whether two names are two spellings of one, by a letter or two of a long name.
 
-    A number behind a name tells two things apart, and so does a word: ``?frame2`` is another.
+    A number or letter behind a name tells two things apart, and so does a word: ``?frame2``,
+    ``?sizeX`` and ``?sizeY``.
 
     >>> _differs_little("rbot", "robot"), _differs_little("frame2", "frame")
     (True, False)
@@ -188,9 +212,11 @@ def _differs_little(name: str, other: str) -> bool:
     """
     if name.strip("0123456789") == other.strip("0123456789"):
         return False
-    if len(words_of(name)) != len(words_of(other)):
+    if len(words_of(name)) != len(words_of(other)) or name[:-1] == other[:-1]:
         return False
     longest = max(len(name), len(other))
+    if longest < 4:
+        return False  # ?at and ?act are two abbreviations
     return _distance(name.lower(), other.lower()) <= (1 if longest < 9 else 2)
 
 

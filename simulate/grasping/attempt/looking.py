@@ -60,6 +60,11 @@ class Looks:
             points, (x - half, x + half), (y - half, y + half), floor, floor + height
         )
 
+    def area(self, x_range: tuple[float, float], y_range: tuple[float, float]) -> HeightMap:
+        """Return the height map of an area of the table, m, base frame, without the arms."""
+        points = self._station.eyes.points("left" if sum(y_range) > 0 else "right")
+        return self._without_arms(points, x_range, y_range, self._plan.request.table_height)
+
     def box(self, box: PlaceBox) -> HeightMap:
         """Return the height map of a box, without the arms that hide a part of it."""
         points = self._station.eyes.box_points(box.side)

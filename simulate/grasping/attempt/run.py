@@ -27,12 +27,20 @@ from simulate.grasping.judgement import (
     new_cells,
     share_left,
 )
-from simulate.grasping.placing import PlacePlan, PlaceSpot, held_load, plan_place, plan_rise
+from simulate.grasping.placing import (
+    TABLE_DESCENTS,
+    PlacePlan,
+    PlaceSpot,
+    held_load,
+    plan_place,
+    plan_rise,
+)
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import PlannedGrasp
 from simulate.motion.trajectory import Trajectory, reverse
 from simulate.robots.description import Floats
 from simulate.world.robot_body import FingerTouch
+from simulate.world.world import PlaceBox
 
 __all__ = ["AttemptRun"]
 
@@ -62,8 +70,8 @@ class AttemptRun:
     Notes
     -----
     :meth:`grasp` ends with the object in the hand, or with the arm at home. After a success one of
-    :meth:`place_in_box`, :meth:`place_at` and :meth:`put_back` brings the arm home. :attr:`record`
-    is the outcome so far.
+    :meth:`place_in_box`, :meth:`place_at`, :meth:`place_within` and :meth:`put_back` brings the arm
+    home. :attr:`record` is the outcome so far.
     """
 
     def __init__(
@@ -212,16 +220,24 @@ class AttemptRun:
         seen = "not seen in the hand" if turn is None else f"turned by {np.degrees(turn):.0f} deg"
         self.held = Judgement(self.held.answer, f"{self.held.evidence}, {seen}")
 
-    def place_in_box(self) -> str:
-        """Place the held object into the box of its side and go home; return the reason code."""
-        box = self.world.box_for(self.drive.hand.side, self.plan.request.y)
+    def place_in_box(self, into: PlaceBox | None = None) -> str:
+        """Place the held object into a box and go home; return the reason code.
+
+        Parameters
+        ----------
+        into
+            The box, base frame; None = that of the side of the arm or of the object.
+        """
+        nearest = self._station.box_for(self.drive.hand.side, self.plan.request.y)
+        box = into or nearest
         if box is None:
             self.put_back()
             self.place_reason = "place_plan"
             return self.place_reason
         used = self._station.next_spot(box.side)
         request = self.plan.request
-        before = self._box_before or self.looks.box(box)
+        before = self._box_before if box == nearest else None
+        before = before or self.looks.box(box)
         spot = PlaceSpot.in_box(box, used, max(request.height, request.length), before)
         self.place = f"{box.side} box"
         return self._place(spot, before, lambda: self.looks.box(box), np.array(box.centre))
@@ -232,6 +248,28 @@ class AttemptRun:
         return self._place(
             spot, self.looks.table(x, y), lambda: self.looks.table(x, y), np.array([x, y])
         )
+
+    def place_within(
+        self,
+        x_range: tuple[float, float],
+        y_range: tuple[float, float],
+        spots: tuple[tuple[float, float], ...],
+    ) -> str:
+        """Place the held object on one of some spots of an area of the table, and go home.
+
+        Parameters
+        ----------
+        x_range, y_range
+            Of the area, m, base frame; whether the object arrived there is judged by its views.
+        spots
+            (x, y) m, base frame, best first.
+        """
+        spot = PlaceSpot(self.plan.request.table_height, spots, TABLE_DESCENTS, walled=False)
+
+        def look() -> HeightMap:
+            return self.looks.area(x_range, y_range)
+
+        return self._place(spot, look(), look, np.array(spots[0]))
 
     def put_back(self) -> None:
         """Lower whatever is still in the hand, back off and go home."""
@@ -281,7 +319,7 @@ class AttemptRun:
 
     def _left_on_table(self, volume: float) -> float:
         """Return the share of a lost object that the table beside the box still bears."""
-        box = self.world.box_for(self.drive.hand.side, self.plan.request.y)
+        box = self._station.box_for(self.drive.hand.side, self.plan.request.y)
         if box is None or self._table_before is None or self._old_place is None:
             return 0.0
         seen = min(self._old_place.volume, volume)
@@ -297,7 +335,7 @@ class AttemptRun:
     def _look_before(self) -> None:
         """Take a view of the object and of the box while both are visible."""
         self._old_place = self.looks.old_place()
-        box = self.world.box_for(self.drive.hand.side, self.plan.request.y)
+        box = self._station.box_for(self.drive.hand.side, self.plan.request.y)
         if box is not None:
             self._table_before, self._box_before = self.looks.beside(box), self.looks.box(box)
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,16 +15,15 @@ from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import PlannedGrasp
 from simulate.robots import describe
 from simulate.study.judging import grasp_across
+from simulate.world.animation import check_film, write_animation
 from simulate.world.objects import sample_objects
 from simulate.world.portrait import LIGHT, portrait
 from simulate.world.scene import Placement, arrange
 from simulate.world.seeds import mix_seed, stream
 
-__all__ = ["Film", "check_film", "film_robot", "write_film"]
+__all__ = ["Film", "film_robot", "write_film"]
 
 _PRODUCTS, _TABLE = range(80, 82)
-_QUALITY = 80
-_SUFFIXES = (".webp", ".png", ".gif")
 
 Frames = list[NDArray[np.uint8]]
 
@@ -94,20 +92,6 @@ def _first_plan(body: SimulatedBody, placements: Sequence[Placement], seed: int)
     raise RobotError(f"no object can be grasped at seed {seed}; try another --seed")
 
 
-def check_film(path: Path) -> None:
-    """Refuse a file that no film can be written to.
-
-    Raises
-    ------
-    UsageError
-        Its suffix is another than ``.webp``, ``.png`` or ``.gif``, or its folder is missing.
-    """
-    if path.suffix not in _SUFFIXES:
-        raise UsageError(f"{path}: expected a name ending in {', '.join(_SUFFIXES)}")
-    if not path.parent.is_dir():
-        raise UsageError(f"{path}: there is no folder {path.parent}; make it first")
-
-
 def write_film(path: Path, robots: Sequence[Frames], film: Film) -> None:
     """Write the pictures of robots side by side as one animated picture.
 
@@ -121,19 +105,12 @@ def write_film(path: Path, robots: Sequence[Frames], film: Film) -> None:
     Raises
     ------
     UsageError
-        As :func:`check_film`, or there is nothing to show.
+        As :func:`simulate.world.animation.check_film`, or there is nothing to show.
     """
     check_film(path)
     if not robots or not all(robots):
         raise UsageError("there are no pictures to show")
     count = max(map(len, robots))
     rows = [np.hstack([frames[min(k, len(frames) - 1)] for frames in robots]) for k in range(count)]
-    animation = cv2.Animation()
-    animation.frames = [np.ascontiguousarray(row[..., ::-1]) for row in rows]
     pause_ms = round(1000 / (film.frames_per_s * film.speed))
-    animation.durations = [*[pause_ms] * (count - 1), 2000]
-    options = [cv2.IMWRITE_WEBP_QUALITY, _QUALITY] if path.suffix == ".webp" else []
-    done, data = cv2.imencodeanimation(path.suffix, animation, options)
-    if not done:
-        raise RobotError(f"cannot write {path}")
-    path.write_bytes(bytes(data))
+    write_animation(path, rows, pause_ms)

@@ -19,6 +19,8 @@ __all__ = ["summary_of", "tasks"]
 
 _COLUMNS = ("event", "goals", "possible", "reached", "declined", "given up", "planned again")
 _CHART = "shares.png"
+_MOST_THINGS = 4
+"""At which there is room for a hand between things on each table."""
 
 
 @study_command("rtask-tasks", with_preset=False)
@@ -30,15 +32,27 @@ _CHART = "shares.png"
     help="Chance that a thing slips from the hand.",
 )  # fmt: skip
 @click.option("--no-events", is_flag=True, help="Let nothing come between.")
-def tasks(trials: int, seed: int, things: int, slip: float, no_events: bool) -> Study:
+@click.option(
+    "--whole-arms", is_flag=True,
+    help="Let whole arms carry it out in physics, at three kinds of tables in turn; --slip does "
+    "not apply. A goal takes one to three minutes of one core.",
+)  # fmt: skip
+def tasks(
+    trials: int, seed: int, things: int, slip: float, no_events: bool, whole_arms: bool
+) -> Study:
     """Measure how often random goals are reached in a lab of two tables with two robots each.
 
     In a third of the goals a thing has to change hands. In each, one event comes between: a person
     moves the thing, it falls, it is taken away, a person says no, a program is killed, an arm fails
     for good, or a door is shut.
     """
+    from simulate.study.tasks import arms_trial
     from simulate.study.tasks.trial import EVENTS
 
+    if whole_arms:
+        own = {"seed": seed, "things": min(things, _MOST_THINGS), "preset": "faithful",
+               "events": [] if no_events else list(arms_trial.EVENTS)}  # fmt: skip
+        return Study("tasks", "simulate.study.tasks.arms_trial:run_trial", own, trials, _describe)
     events = [] if no_events else list(EVENTS)
     settings = {"seed": seed, "things": things, "slip": slip, "events": events}
     return Study("tasks", "simulate.study.tasks.trial:run_trial", settings, trials, _describe)
@@ -66,9 +80,26 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
             f"lost from memory {summary['lost']}, at another place than remembered "
             f"{summary['wrong']}, stored twice {summary['twice']}; slowest repair "
             f"{summary['slowest_repair_s']:.2f} s of processor time",
+            *_of_arms(results),
         ],
         pictures=[_CHART],
     )
+
+
+def _of_arms(results: Results) -> list[str]:
+    """Return what whole arms did, in a line for each kind of table; nothing for other bodies."""
+    lines = []
+    for table in dict.fromkeys(result["table"] for result in results if "table" in result):
+        at = [result for result in results if result["table"] == table]
+        able = [result for result in at if _counts(result)]
+        reached = sum(result["result"] == "reached" for result in able)
+        picks, held = (sum(result[name] for result in at) for name in ("picks", "held"))
+        false = sum(not result["is_true"] for result in at)
+        lines.append(
+            f"table {table}: reached {reached} of {len(able)}, {held} of {picks} picks held; "
+            f"reached by the robots' word but not in the physics {false}"
+        )
+    return lines
 
 
 def summary_of(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from simulate.tasks.executor import Executor, Turn
 from simulate.tasks.lab import Lab, read_lab
 from simulate.world.seeds import stream
 
-__all__ = ["EVENTS", "lab_update", "random_goal", "run_trial"]
+__all__ = ["EVENTS", "lab_update", "random_goal", "run_trial", "stored_picks"]
 
 _BASE = "https://example.org/kb/"
 EVENTS = (
@@ -90,7 +90,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
             "steps": len(plan["steps"]), "repairs": ended.repairs, "deeds": len(lab.done),
             "lost": len(_forgotten(kb, lab)), "wrong": len(_wrong(kb, lab)),
             # Less are stored where a robot ended between a grasp and its report: nobody saw it.
-            "twice": max(_stored_picks(kb) - [deed[1] for deed in lab.done].count("pick"), 0),
+            "twice": max(stored_picks(kb) - [deed[1] for deed in lab.done].count("pick"), 0),
             "repair_s": max(repairs_s, default=0.0), "says": ended.result,
             "possible": ended.result == "reached" or _has_way(lab, item, target),
         }  # fmt: skip
@@ -228,7 +228,8 @@ def _wrong(kb: KnowledgeBase, lab: Lab) -> list[str]:
     return wrong
 
 
-def _stored_picks(kb: KnowledgeBase) -> int:
+def stored_picks(kb: KnowledgeBase) -> int:
+    """Return how many grasps that held are stored."""
     rows = kb.select(f"""{PREFIXES}
 SELECT (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{
   ?attempt a rt:GraspAttempt ; rt:hasOutcome/rt:success true

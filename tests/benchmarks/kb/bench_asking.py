@@ -34,6 +34,7 @@ from tests.endpoint.api.obedient_agent import (
     of_others,
 )
 from tests.rtask.asking.scripted_caller import ScriptedCaller
+from tests.rtask.asking.valid_queries import of_schema, of_statements
 from tests.rtask.asking.walks import walks
 
 _WALKS = 2_500
@@ -91,6 +92,11 @@ def robotics_queries() -> list[tuple[str, str]]:
 def form_queries() -> list[tuple[str, str]]:
     """Return queries in further forms of SPARQL, frozen before the check first saw them."""
     return _further("asking_forms.rq", "forms")
+
+
+def strangers_queries() -> list[tuple[str, str]]:
+    """Return queries as strangers to the product write them, frozen before their first run."""
+    return _further("asking_strangers.rq", "strangers")
 
 
 def _further(file: str, stem: str) -> list[tuple[str, str]]:
@@ -177,6 +183,7 @@ def main() -> None:
             ("in styles, later", later_style_queries(), given.show if given.unseen else ""),
             ("of robotics people", robotics_queries(), given.show if given.unseen else ""),
             ("in further forms", form_queries(), given.show if given.unseen else ""),
+            ("of strangers", strangers_queries(), given.show if given.unseen else ""),
         ):
             print(f"queries {name}")
             measure(Bench(kb), texts, given.seed, show)
@@ -202,13 +209,18 @@ def measure(bench: Bench, texts: list[tuple[str, str]], seed: int, show: str) ->
 
 def report_walks(kb: KnowledgeBase, seed: int) -> None:
     """Print how many queries made of statements of the graph are blamed, by rule."""
-    bench, alarms = Bench(kb), Counter[str]()
-    blamed = 0
-    for text in walks(kb, bench.checker.vocabulary, _WALKS, seed):
-        rules = {finding.rule for finding in bench.check(text)}
-        blamed += bool(rules)
-        alarms.update(rules)
-    print(f"queries made of statements: {blamed} of {_WALKS} with a false alarm {dict(alarms)}")
+    for name, make in (
+        ("statements", walks),
+        ("statements, in many forms", of_statements),
+        ("the schema alone", of_schema),
+    ):
+        bench, alarms = Bench(kb), Counter[str]()
+        blamed = 0
+        for text in make(kb, bench.checker.vocabulary, _WALKS, seed):
+            rules = {finding.rule for finding in bench.check(text)}
+            blamed += bool(rules)
+            alarms.update(rules)
+        print(f"queries made of {name}: {blamed} of {_WALKS} with a false alarm {dict(alarms)}")
 
 
 def report_agents() -> None:

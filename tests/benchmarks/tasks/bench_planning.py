@@ -9,6 +9,11 @@ one robot's reach further. In the lab "mixed", robots reach three more places ea
 anywhere, and each robot has a chance of its own with each thing, so that ways differ in cost. The
 other planner gets the same problem as PDDL and runs as a process; its plan is read back, each step
 checked, and its cost compared.
+
+    python tests/benchmarks/tasks/bench_planning.py --graph
+
+plans for the row out of a graph instead, by the operation that users call: with all preconditions
+that the ontology has, which are asked of the graph first.
 """
 
 from __future__ import annotations
@@ -27,6 +32,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import rtask
+from rtask.engine import Engine
+from rtask.rdf.namespaces import PREFIXES
 from rtask.tasks.planning.pddl import PddlProblem, write_pddl
 from rtask.tasks.planning.problem import Estimate, Problem, Step
 from rtask.tasks.planning.search import find_plan
@@ -34,6 +42,8 @@ from tests.rtask.tasks.lab import lab
 
 SIZES = ((10, 2), (50, 4), (500, 10))
 TARGETS_S = {(50, 4): 1.0, (500, 10): 10.0}
+BASE = "https://example.org/kb/"
+ROW_GOAL = "?x rt:locatedOn ?y WHERE { ?x rdfs:seeAlso ?y }"
 COST_RATIOS = {(50, 4): 1.2, (500, 10): 1.5}
 
 
@@ -42,7 +52,13 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--planner", help="command with {domain}, {problem} and {plan}")
     parser.add_argument("--limit", type=float, default=300.0, help="seconds for it")
+    parser.add_argument("--graph", action="store_true", help="plan out of a graph")
     given = parser.parse_args()
+    if given.graph:
+        print("graph, things x robots | steps | CPU, s | again, s | target")
+        for size in SIZES:
+            from_graph(*size)
+        return
     print(
         "lab, things x robots | steps | cost, s | CPU, s | target | other: steps | cost | CPU, s | "
         "ratio"
@@ -60,6 +76,49 @@ def main() -> None:
         if given.planner:
             row += other(given.planner, given.limit, problem, size, plan.cost_s)
         print(" | ".join(row), flush=True)
+
+
+def from_graph(things: int, robots: int) -> None:
+    """Print the row of a graph."""
+    with rtask.open(":memory:", base=BASE) as kb, Engine(kb) as engine:
+        kb.update(row_update(things, robots))
+        planner = rtask.connect(engine)
+        kb.query("ASK { ?thing <https://w3id.org/rtask-kg/ns#locatedOn> ?place }")
+        took = []
+        for _ in range(2):
+            began = time.process_time()
+            plan = planner.call("plan_goal", 300.0, goal=ROW_GOAL)
+            took.append(time.process_time() - began)
+        assert plan["complete"], plan["text"]
+    target = TARGETS_S.get((things, robots), "-")
+    times = " | ".join(f"{seconds:.2f}" for seconds in took)
+    print(f"graph, {things} x {robots} | {len(plan['steps'])} | {times} | {target}", flush=True)
+
+
+def row_update(things: int, robots: int) -> str:
+    """Return the update that states the row: robots with a hand each, places, and things."""
+    rows = [f"<{BASE}place/{n}> a rt:SupportSurface ; rt:name 'place {n}' ."
+            for n in range(robots + 1)]  # fmt: skip
+    for n in range(robots):
+        robot = f"{BASE}robot/{n}"
+        rows.append(
+            f"<{robot}> a cora:Robot ; rt:name 'robot {n}' ; rt:hasEndEffector <{robot}/hand> ; "
+            f"rt:reaches <{BASE}place/{n}>, <{BASE}place/{n + 1}> . <{robot}/hand> a "
+            f"rt:ParallelJawGripper ; rt:name 'hand {n}' ; rt:gripperType 'jaw' ; "
+            "rt:minOpening 0.0e0 ; rt:maxOpening 0.08e0 ; rt:maxPayload 0.5e0 ."
+        )
+    for n in range(things):
+        product, item, at = (f"{BASE}{part}/{n}" for part in ("object", "thing", "placement"))
+        start, end = n % (robots + 1), (n + 2) % (robots + 1)
+        rows.append(
+            f"<{product}> a rt:Cup ; rt:objectId 'lab/{n}' ; rt:name 'cup {n}' ; "
+            f"rt:graspWidth 0.03e0 ; rt:mass 0.1e0 . <{item}> a rt:Exemplar ; rt:exemplarOf "
+            f"<{product}> ; rdfs:seeAlso <{BASE}place/{end}> . <{at}> a rt:Placement ; "
+            f"rt:placementOf <{item}> ; rt:placedOn <{BASE}place/{start}> ; time:hasBeginning "
+            f"<{at}/begin> . <{at}/begin> time:inXSDDateTimeStamp "
+            "'2026-01-01T10:00:00Z'^^xsd:dateTimeStamp ."
+        )
+    return f"{PREFIXES} INSERT DATA {{ GRAPH <{BASE}graph/shared> {{ {' '.join(rows)} }} }}"
 
 
 def mixed(things: int, robots: int) -> Problem:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -13,10 +14,12 @@ import rtask
 from rtask.asking.check.checker import checker_of
 from rtask.asking.check.findings import Finding
 from rtask.asking.check.unknown import shipped_terms
+from rtask.asking.check.vocabulary import Vocabulary
 from rtask.cli import cli
 from rtask.errors import DataError, QuerySyntaxError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import prologue
+from tests.rtask.asking.valid_queries import of_schema, of_statements
 from tests.rtask.asking.walks import walks
 
 QUESTIONS = sorted((Path(ontology.__file__).parent / "queries").rglob("*.rq"))
@@ -80,6 +83,9 @@ def test_the_questions_of_the_ontology_raise_no_alarm(kb: KnowledgeBase) -> None
         ("SELECT ?c { ?thing a/rt:inState* ?c }", "wrong-type", "likely", None),
         ("SELECT ?o { ?o ^rt:name \"mug\" }", "reversed", "certain",
          "SELECT ?o { ?o rt:name \"mug\" }"),
+        ("SELECT ?w { ?o rt:terminal ?w . ?h rt:maxPayload ?max FILTER(?w > ?max) }", "wrong-type",
+         "likely", None),
+        ("SELECT ?robot_iri { ?robot_iri a rt:GraspStatistics }", "unusual-name", "likely", None),
         ("SELECT ?h { ?x rt:priorBeta ?t BIND(HOURS(?t) AS ?h) }", "wrong-type", "likely", None),
         ("SELECT (AVG(?m) AS ?mean) { ?o rt:hasPose ?m }", "wrong-type", "likely", None),
         ("SELECT ?s { ?o rt:exemplarOf ?w . ?p ^rt:mass ?m FILTER(?m < ?w) }", "wrong-type",
@@ -147,6 +153,67 @@ def test_queries_made_of_statements_of_the_graph_raise_no_alarm() -> None:
             if found:
                 blamed[text] = found
     assert blamed == {}
+
+
+@pytest.mark.parametrize("make", [of_statements, of_schema])
+def test_sound_queries_in_many_forms_raise_no_alarm(
+    make: Callable[[KnowledgeBase, Vocabulary, int, int], Iterator[str]],
+) -> None:
+    with rtask.open(":memory:") as sample:
+        assert isinstance(sample, KnowledgeBase)
+        sample.load(ontology.path("examples/sample.trig"))
+        blamed = {}
+        for text in make(sample, checker_of(sample).vocabulary, 150, 3):
+            found = sample.check(text)  # raises for a text that is no query
+            if found:
+                blamed[text] = [finding.words for finding in found]
+    assert blamed == {}
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        # Named after what stands beside them, though it is like another name.
+        "SELECT ?e (COUNT(?minOpening) AS ?n) { ?e rt:maxOpening ?maxOpening ; "
+        "rt:minOpening ?minOpening } GROUP BY ?e",
+        "SELECT ?w { ?p rt:x ?sizeX ; rt:y ?sizeY ; rt:z ?w }",
+        "SELECT ?p ?n { { SELECT ?p (COUNT(?qy) AS ?n) { ?p rt:qw ?qw ; rt:qy ?qy } GROUP BY ?p } "
+        "?p ^rt:estimatedPose ?e }",
+        "SELECT * { ?joint rt:jointOf ?endEffector . ?endEffector rt:maxPayload ?maxPayload }",
+        "SELECT ?b { ?v rt:hasEntry ?requiresResource . ?x rt:requiresResource ?requiresResource ; "
+        "rt:hasBlob ?b }",
+        # Named after the class at the end of a path.
+        "SELECT * { ?ontology a/rdfs:subClassOf* rt:OntologyGraph ; rt:tripleCount ?n }",
+        "SELECT ?ontology { ?ontology a ?k ; rt:commitNumber ?n . "
+        "?k rdfs:subClassOf* rt:OntologyGraph }",
+        # Words for any literal, and for whatever goes on.
+        "SELECT ?g ?label { ?g a rt:TaskPlan ; rt:goalText ?label }",
+        "SELECT ?action { ?goal rt:executedIn ?i . ?i ^rt:hasTimeWindow ?action }",
+        "SELECT ?s { ?v rt:viewpoint ?pos . ?pos rt:x ?s }",
+        # A restriction is a class.
+        "SELECT ?c ?on { ?c rdfs:subClassOf ?r . ?r a owl:Restriction ; owl:onProperty ?on }",
+        # Letters in their order abbreviate nothing.
+        "SELECT * { ?a rt:gripperType ?b . ?a rt:triedIn ?c }",
+    ],
+)
+def test_sound_names_and_forms_raise_no_alarm(kb: KnowledgeBase, body: str) -> None:
+    assert kb.check(HEAD + body) == []
+
+
+def test_what_the_graph_holds_is_no_fault_whatever_an_axiom_says() -> None:
+    with rtask.open(":memory:", base="urn:lab/") as graph:
+        assert isinstance(graph, KnowledgeBase)
+        graph.update(
+            HEAD + 'INSERT DATA { kb:p rt:atTime "2026-01-01T09:00:00Z"^^xsd:dateTime . '
+            'kb:w a rt:WriteActivity ; rt:changedGraph kb:g . kb:g rt:name "odd" }'
+        )
+        held = '"2026-01-01T09:00:00Z"^^xsd:dateTime'
+        never = '"2027-01-01T09:00:00Z"^^xsd:dateTime'
+        assert graph.check(HEAD + f"SELECT ?p {{ ?p rt:atTime {held} }}") == []
+        assert [f.rule for f in graph.check(HEAD + f"SELECT ?p {{ ?p rt:atTime {never} }}")] == [
+            "wrong-datatype"
+        ]
+        assert graph.check(HEAD + "SELECT * { VALUES ?g { kb:g } ?w rt:changedGraph ?g }") == []
 
 
 def test_an_inherited_domain_and_an_open_vocabulary_are_no_faults(kb: KnowledgeBase) -> None:

@@ -19,7 +19,7 @@ from rtask.asking.check.vocabulary import Vocabulary, local
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import RDF_TYPE, Term, prologue
 
-__all__ = ["walks"]
+__all__ = ["statements", "walks"]
 
 _OURS = (ontology.NS, ontology.PREFIXES["prov"], ontology.PREFIXES["sosa"])
 _LETTERS = {"letters": "abcdefghijk", "last letters": "xyzuvwpqrst"}
@@ -28,10 +28,9 @@ _STYLES = (*_LETTERS, "classes", "short", "properties")
 
 def walks(kb: KnowledgeBase, vocabulary: Vocabulary, count: int, seed: int) -> Iterator[str]:
     """Yield queries, each with an answer in the graph."""
-    statements = _statements(kb, vocabulary)
     about: dict[Term, list[Quad]] = defaultdict(list)
     by_property: dict[str, list[Quad]] = defaultdict(list)
-    for quad in statements:
+    for quad in statements(kb, vocabulary):
         by_property[quad.predicate.value].append(quad)
         about[quad.subject].append(quad)
         if isinstance(quad.object, NamedNode):
@@ -46,7 +45,7 @@ def walks(kb: KnowledgeBase, vocabulary: Vocabulary, count: int, seed: int) -> I
         yield _Writer(kb, vocabulary, draw).query(walk)
 
 
-def _statements(kb: KnowledgeBase, vocabulary: Vocabulary) -> list[Quad]:
+def statements(kb: KnowledgeBase, vocabulary: Vocabulary) -> list[Quad]:
     """Return the statements about individuals, in an order of their own."""
     terms = vocabulary.bit.keys() | vocabulary.properties.keys()
     rows = (quad for iri in vocabulary.properties if iri.startswith(_OURS)

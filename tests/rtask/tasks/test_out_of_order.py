@@ -80,6 +80,23 @@ def test_a_shut_place_is_named_as_the_reason_and_used_again_once_open(kb: Knowle
     assert [step.text for step in kb.tasks.plan(goal).steps] == before
 
 
+def test_a_robot_takes_the_hand_that_gets_to_a_place(kb: KnowledgeBase) -> None:
+    """A place beyond reach of one hand is left to another, and named where there is none."""
+    kb.update(f"""{PREFIXES} INSERT DATA {{ <{NAO}> rt:hasEndEffector <{NAO}/other> .
+        <{NAO}/other> a rt:Hand ; rt:name 'other hand' ; rt:gripperType 'nao' ;
+            rt:minOpening 0.0e0 ; rt:maxOpening 0.05e0 ; rt:maxPayload 0.5e0 .
+        <{PANDA}/hand> a rt:OutOfOrder . <{LEFT}> rt:beyondReachOf <{NAO}/hand> }}""")
+    goal = "every pen into the left box"
+    steps = kb.tasks.plan(goal).steps
+    assert steps
+    assert {step.arguments["hand"] for step in steps} == {f"{NAO}/other"}
+    kb.update(f"{PREFIXES} INSERT DATA {{ <{LEFT}> rt:beyondReachOf <{NAO}/other> }}")
+    [refusal] = kb.tasks.plan(goal).refusals
+    assert "left box is beyond reach of" in refusal.text
+    _mend(kb, refusal.text)
+    assert kb.tasks.plan(goal).is_complete
+
+
 def test_robots_give_up_for_a_shut_place_and_reach_it_once_it_is_open(
     kb: KnowledgeBase,
 ) -> None:

@@ -262,8 +262,8 @@ def test_an_arm_that_is_stopped_is_a_tracking_failure(can):
 
 @pytest.mark.slow
 def test_no_box_means_no_place(can, monkeypatch):
-    world, executor, _ = can
-    monkeypatch.setattr(world, "place_boxes", {})
+    _, executor, _ = can
+    monkeypatch.setattr(executor, "boxes", {})
     record = executor.execute(executor.plan(request_for(CAN, 0.15, -0.10)))
     assert (record.held, record.placed, record.place_reason) == (True, False, "place_plan")
 

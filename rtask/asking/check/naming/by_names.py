@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from rtask.asking.check.findings import Finding
 from rtask.asking.check.fitting import reversed_edge
 from rtask.asking.check.look import Look
-from rtask.asking.check.naming.meanings import head_of
-from rtask.asking.check.naming.names import PREPOSITIONS, affinity, words_of
+from rtask.asking.check.naming.meanings import head_of, is_process_named
+from rtask.asking.check.naming.names import affinity, words_of
 from rtask.asking.check.naming.usual import heads, kinds_by_name, nouns, usual_kinds, usual_literals
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context, Demand, family
@@ -17,6 +17,8 @@ from rtask.asking.check.wording import demanded
 
 __all__ = ["ByNames"]
 
+_OF_ANY = {"label", "number", "text", "value", "title", "string", "count", "amount"}
+"""Words for a literal of any property."""
 _READ_AS_EITHER = ({"number", "dateTime"}, {"number", "boolean"})
 """Families of literals that one name is used for: ``?held`` says whether, and how often."""
 
@@ -36,6 +38,8 @@ class ByNames(Look):
                 continue
             if axioms.relates_things is False:
                 is_turned = self._is_called_like_the_value(about, value, step.node.value)
+            elif _are_letters(about, value) and _counts_by_letters(context):
+                is_turned = False
             else:
                 is_turned = self._is_turned_by_name(about, value, axioms.classes)
             if is_turned:
@@ -61,9 +65,16 @@ class ByNames(Look):
                 continue
             if node.value not in self._vocabulary.properties:
                 continue  # an unknown term is reported as such
-            if value.name.lower() in nouns(self._vocabulary) | PREPOSITIONS:
+            word = head_of(value.name)
+            if not word or word in _OF_ANY or value.name.lower() in nouns(self._vocabulary):
                 continue
             if affinity(value.name, node.value, self._vocabulary) > 0:
+                continue
+            demands = self._fitting.demands.of(edge, context) or ()
+            if any(
+                demand.node is value and self._is_of_its_name(demand, edge, context)
+                for demand in demands
+            ):
                 continue
             if self._evidence.matches(edge) and not self._fitting.is_contradicted(edge, context):
                 continue
@@ -91,9 +102,9 @@ class ByNames(Look):
                     is_odd = usual and self._vocabulary.are_foreign(demand.bits, usual)
                 if not is_odd and not self._is_odd_literal(demand, literals):
                     continue
-                if self._is_named_after(demand, edge) or self._fitting.is_attested(edge, context):
+                if self._fitting.is_attested(edge, context):
                     continue
-                if self._is_named_after_matches(demand):
+                if self._is_of_its_name(demand, edge, context):
                     continue
                 self._blamed.add(id(edge))
                 node = edge.steps[0].node
@@ -119,22 +130,19 @@ class ByNames(Look):
             return False
         return not any(kinds | usual <= both for both in _READ_AS_EITHER)
 
-    def _is_named_after(self, demand: Demand, edge: Edge) -> bool:
-        """Return whether a variable is named after the property of its pattern, or after its kind.
+    def _is_of_its_name(self, demand: Demand, edge: Edge, context: Context) -> bool:
+        """Return whether a variable is named after its property, or after its kind.
 
         What is called ``?plan`` may be a task plan, though the questions know other plans.
         """
-        step = edge.steps[0]
-        if self._kinds_of_head(demand.node.name) & (demand.bits or 0):
+        if self._is_of_kind_named(demand) or self._is_named_after_matches(demand):
             return True
-        axioms = self._vocabulary.properties.get(step.node.value)
-        if axioms is None or step.node.value == TYPE:
-            return False
-        if affinity(demand.node.name, step.node.value, self._vocabulary) > 0:
+        if is_process_named(demand.node.name, demand.bits, self._vocabulary):
             return True
-        kinds = axioms.classes[1 - demand.at if step.is_inverse else demand.at]
-        named = {word for iri in kinds for word in words_of(local(iri))}
-        return bool(named.intersection(words_of(demand.node.name)))
+        is_class = edge.steps[0].node.value == TYPE and edge.object.kind == "iri"
+        if not is_class and self._is_named_after(demand, edge):
+            return True
+        return self._is_explained(demand, edge, context)
 
     def _kinds_of_head(self, variable: str) -> int:
         """Return the bits of the classes whose names end as a variable's does."""
@@ -167,3 +175,12 @@ class ByNames(Look):
         return any(
             self._vocabulary.below[iri] & own for iri in classes if iri in self._vocabulary.below
         )
+
+
+def _are_letters(*nodes: Node) -> bool:
+    return all(len(node.value) == 1 for node in nodes)
+
+
+def _counts_by_letters(context: Context) -> bool:
+    """Return whether the variables of a query are called ``?a``, ``?b`` and on, after nothing."""
+    return bool(context.having("a")) and bool(context.having("b"))

@@ -11,13 +11,13 @@ from rtask.asking.check.look import Look
 from rtask.asking.check.naming.meanings import (
     head_of,
     is_identifying,
+    is_process_named,
     kinds_of_word,
     literals_by_word,
     physical_words,
     rank_of,
     rank_of_values,
 )
-from rtask.asking.check.naming.names import affinity, words_of
 from rtask.asking.check.naming.usual import kinds_by_name
 from rtask.asking.check.syntax.outline import Edge
 from rtask.asking.check.types import TYPE, Context, Demand, family
@@ -84,7 +84,9 @@ class ByWords(Look):
             return False
         if self._is_named_after(demand, edge) or self._is_named_after_matches(demand):
             return False
-        if self._is_agreed(demand, edge, context):
+        if is_process_named(demand.node.name, demand.bits, self._vocabulary):
+            return False
+        if self._is_agreed(demand, edge, context) or self._is_explained(demand, edge, context):
             return False
         if iri == TYPE and edge.object.kind != "iri":
             return False
@@ -150,18 +152,6 @@ class ByWords(Look):
                 ):
                     return True
         return False
-
-    def _is_named_after(self, demand: Demand, edge: Edge) -> bool:
-        """Return whether a variable has a word of its property, or of what stands there."""
-        (step,) = edge.steps
-        if step.node.value == TYPE:
-            return affinity(demand.node.name, edge.object.value, self._vocabulary) > 0
-        if affinity(demand.node.name, step.node.value, self._vocabulary) > 0:
-            return True
-        axioms = self._vocabulary.properties.get(step.node.value)
-        kinds = axioms.classes[1 - demand.at if step.is_inverse else demand.at] if axioms else ()
-        named = {word for iri in kinds for word in words_of(local(iri))}
-        return bool(named.intersection(words_of(demand.node.name)))
 
     def _odd(self, demand: Demand, edge: Edge, context: Context) -> Finding:
         (step,) = edge.steps

@@ -17,8 +17,8 @@ from rtask.asking.check.types import family
 from rtask.asking.check.vocabulary import Vocabulary, local
 
 __all__ = [
-    "head_of", "is_identifying", "kinds_of_word", "literals_by_word", "physical_words", "rank_of",
-    "rank_of_values",
+    "head_of", "is_identifying", "is_process_named", "kinds_of_word", "literals_by_word",
+    "physical_words", "rank_of", "rank_of_values",
 ]  # fmt: skip
 
 _OWN = (ontology.NS, ontology.PREFIXES["cora"])
@@ -30,7 +30,7 @@ _PARTICIPLES = {"bound", "found", "held", "lost", "known", "seen", "done", "take
                 "written", "chosen", "said"}  # fmt: skip
 _NO_NOUNS = {"", *_MOMENTS, *_PARTICIPLES}
 _LOWER = {"part", "child", "kid", "piece", "inner", "content", "sub", "narrower", "member",
-          "descendant", "leaf", "step", "copy", "exemplar", "instance", "item", "load",
+          "descendant", "leaf", "step", "copy", "exemplar", "instance", "load",
           "cargo"}  # fmt: skip
 _UPPER = {"whole", "parent", "outer", "super", "broader", "ancestor", "where", "place", "root",
           "base", "floor", "ground", "room", "spot", "location", "original",
@@ -41,6 +41,10 @@ _IN_BETWEEN = {"container", "surface", "holder", "support", "shelf", "table", "t
 _TO_UPPER = {"parent", "ancestor", "located", "placed", "sub", "container", "exemplar"}
 _COUNTED = {"a", "b", "c"}
 """Letters that tell things of one kind apart; ``x`` and the like are measures of one."""
+_OF_PROCESSES = {"action", "activity", "event", "process", "operation"}
+_REFERENCES = {"iri", "uri", "node", "ref"}
+"""How agents name what they mean to ask on about: ``?robot_iri``."""
+_ABBREVIATED = {"bot": "robot", "cam": "camera", "img": "image"}
 _IDENTIFYING = {"name", "label", "id", "identifier", "code", "title", "kind", "type", "text"}
 
 
@@ -50,13 +54,15 @@ def head_of(name: str) -> str:
 
     >>> head_of("theRobots"), head_of("robot2"), head_of("robotA"), head_of("r")
     ('robot', 'robot', 'robot', '')
+    >>> head_of("robot_iri"), head_of("depthCam")
+    ('robot', 'camera')
     """
     words = [word for word in words_of(name.partition(" ")[0]) if not word.isdigit()]
-    if len(words) > 1 and words[-1] in _COUNTED:
+    if len(words) > 1 and words[-1] in _COUNTED | _REFERENCES:
         words.pop()
     if not words or len(words[-1]) < 3 or words[-1] in PREPOSITIONS:
         return ""
-    word = words[-1]
+    word = _ABBREVIATED.get(words[-1], words[-1])
     return word[:-1] if len(word) > 4 and word.endswith("s") and word[-2] not in "su" else word
 
 
@@ -110,6 +116,11 @@ def agents(vocabulary: Vocabulary) -> int:
     for name in ("Agent", "Robot", "Human"):
         bits |= heads(vocabulary).get(name.lower(), 0)
     return bits
+
+
+def is_process_named(name: str, bits: int | None, vocabulary: Vocabulary) -> bool:
+    """Return whether a variable has a word for whatever goes on, and is in a class of that."""
+    return head_of(name) in _OF_PROCESSES and "Process" in vocabulary.sorts(bits or 0)
 
 
 def kinds_of_word(word: str, vocabulary: Vocabulary) -> int:

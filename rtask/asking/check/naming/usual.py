@@ -38,10 +38,11 @@ def heads(vocabulary: Vocabulary) -> Mapping[str, int]:
     """Return the bits of the classes whose names end in a word: ``plan`` of a task plan.
 
     Only the last word says what something is; ``next`` and ``seen`` in the names of classes do not.
+    Relations that the upper ontology turned into classes, with an underscore, name no things.
     """
     bits: dict[str, int] = {}
     for iri, below in vocabulary.below.items():
-        words = words_of(local(iri))
+        words = () if local(iri).startswith("_") else words_of(local(iri))
         if words and len(words[-1]) > 2:
             bits[words[-1]] = bits.get(words[-1], 0) | below
     return MappingProxyType(bits)

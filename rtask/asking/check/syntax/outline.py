@@ -152,7 +152,7 @@ class Group:
         Variables of VALUES, with the terms of their columns.
     compared
         Variables that expressions read as values, each with what they must be there: ``number``,
-        ``text``, ``moment``, ``quantity`` (a number or a moment) or ``literal``.
+        ``text``, ``moment``, ``quantity`` (a number or a moment), ``ordered`` or ``literal``.
     graph
         Term after GRAPH, for a group of that kind.
     defined

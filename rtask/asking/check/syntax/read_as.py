@@ -37,7 +37,7 @@ def read_as(tokens: Sequence[Token], at: int) -> str:
             return _ARITHMETIC.get(before.text, "")
         return _compared(tokens, at + 2)
     if before.text in _ORDERS and tokens[at - 2].kind == "variable" and after.text in _ENDS:
-        return "literal"
+        return "ordered"
     for mark in (before, after):
         if mark.kind == "mark" and mark.text in _ARITHMETIC:
             return _ARITHMETIC[mark.text]
@@ -54,7 +54,7 @@ def _compared(tokens: Sequence[Token], at: int) -> str:
     if value.kind == "string":
         return "literal"
     if value.kind == "variable" and tokens[at - 1].text not in ("=", "!="):
-        return "literal"  # things have no order
+        return "ordered"  # things have no order
     return "moment" if value.is_word("NOW") else ""
 
 

@@ -26,6 +26,7 @@ _CALLS = {
     "dataset restore": "lab/x@1", "dataset show": "lab/x", "dataset snapshot": "lab/x",
     "entails": "urn:a urn:p 1", "episodes ask": "1", "episodes export": "out.mcap",
     "explain": "urn:a urn:p 1", "objects forget": "x", "objects merge": "x y",
+    "objects mesh": "x",
     "objects name": "x --as y", "objects show": "x", "objects split": "x v",
     "objects undo": "c-1", "ontology show": "Mug", "ontology unload": "urn:o",
     "ontology upgrade": "f.ttl", "plan": "every cup into the box", "proposals adopt": "1",
@@ -33,7 +34,8 @@ _CALLS = {
     "questions answer": "urn:q 1", "recognise": "p.png",
     "rules add": "r.rq", "rules remove": "x", "rules show": "x", "search": "x",
     "service benchmark": "b.toml", "service call": "a/b c", "service save": "f.json",
-    "service show": "a/b", "tasks cancel": "urn:t --reason x", "teach": "x p.png",
+    "service show": "a/b", "simulate crew": "every cup into the left box",
+    "tasks cancel": "urn:t --reason x", "teach": "x p.png",
     "token expire": "x 1d", "token revoke": "x", "undo": "1", "update": "INSERT{}WHERE{}",
     "where": "mug", "why": "urn:t", "world export": "scene.glb",
 }  # fmt: skip
@@ -43,7 +45,9 @@ _RUNNING = {
     "worker", "doctor", "ros doctor", "ros2 doctor",
 }  # fmt: skip
 """Commands that wait for others, or whose report is about what cannot be reached."""
-_MAKING = {"load", "rules add", "teach", "token create", "update", "episodes import"}
+_MAKING = {
+    "load", "rules add", "simulate crew", "teach", "token create", "update", "episodes import",
+}  # fmt: skip
 """Commands that make a knowledge base where there is none."""
 _OF_FILES = {"grasp push", "grasp space", "grasp batch"}
 """Commands whose argument is a file first, so that a wrong one is a wrong call."""
@@ -113,6 +117,7 @@ _FAILING = {
     "episodes import": ("none.mcap", "f.ttl"),
     "load": ("none.ttl", "f.ttl --graph xyzzy"),
     "rules add": ("none.rq",),
+    "simulate crew": ("every cup into the left box --table xyzzy",),
     "teach": ("cup f.ttl", "urn://x p.png"),
     "token create": ("--robot a/b", "--role reader --right read:xyzzy"),
     "update": ("INSERT",),

@@ -51,6 +51,7 @@ _TERMS: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("objects forget", "views"): (_VIEW, "objects forget kb:object/1 {}"),
     ("objects merge", "name"): (_MUG, "objects merge {} kb:object/2"),
     ("objects merge", "into"): (_MUG, "objects merge kb:object/2 {}"),
+    ("objects mesh", "name"): (_MUG, "objects mesh {}"),
     ("objects name", "name"): (_MUG, "objects name {} --as cup"),
     ("objects show", "name"): (_MUG, "objects show {}"),
     ("objects split", "name"): (_MUG, "objects split {} kb:view/1"),
@@ -88,7 +89,7 @@ _OTHERS = {
     "choices": "action kinds names only verdict gripper_type",
     "robots and ROS": """
         base_frame distortion eliminate frame gripper heights jaws joints limit look name
-        namespace naoqi on operation prefix remaps ros_args rosbridge source topic""",
+        namespace naoqi on operation prefix remaps ros_args rosbridge source tables topic""",
 }
 """Other parameters that are texts, by what they take instead."""
 _VARYING = re.compile(r'"seconds": [\d.e-]+|rtk_\w+|\b[0-9a-f]{12}\b|made \S+')

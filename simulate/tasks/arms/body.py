@@ -1,0 +1,339 @@
+"""A whole robot as a carrier of planned tasks: it looks, recognises, grasps, and puts things down.
+
+What it says of a step it has measured: with its camera, and with its fingers. It knows nothing of
+the truth of the physics. Grasps come from the graph, those that held before first.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+
+from features.perception import Seen, neighbour_points
+from rtask.rdf.namespaces import PREFIXES
+from simulate.agent.grasp_choice import GraspChoice, choose_grasp
+from simulate.agent.messages import observation_message, outcome_message
+from simulate.agent.second_look import View
+from simulate.agent.tracking import TrackedObject
+from simulate.grasping.attempt.run import AttemptRun
+from simulate.grasping.judgement import CLOSED_ON_SOMETHING, Judgement
+from simulate.motion.collision import Obstacle
+from simulate.tasks.arms.bench import OTHER_ROBOT, Station
+from simulate.tasks.arms.station_body import RobotAtBench
+from simulate.tasks.body import Attempted, Deed
+from simulate.tasks.executor import Graph
+from simulate.world.seeds import mix_seed
+
+__all__ = ["ArmBody", "Sighting"]
+
+_MAX_PLANS = 10
+_RESEMBLES = 0.35
+"""Half of what the graph accepts: enough to know again what is expected to be there."""
+_SAME_SIZE = 0.35
+"""Of a thing that lies another way than it stood, a camera sees its sizes by so much otherwise."""
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """A thing as it was seen in an area.
+
+    Parameters
+    ----------
+    seen, view
+        The thing, and the view that shows it.
+    object
+        IRI of its product; empty if it was not recognised.
+    observation
+        The view of it as a message.
+    """
+
+    seen: Seen
+    view: View
+    object: str
+    observation: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Held:
+    """What a hand holds, and the attempt that is to be ended by putting it down."""
+
+    item: str
+    run: AttemptRun
+
+
+class ArmBody:
+    """A robot at a bench; a :class:`simulate.tasks.body.TaskBody`.
+
+    Parameters
+    ----------
+    station
+        Where it stands.
+    graph
+        A client in its name.
+    hands
+        Name of the arm of each hand, by IRI.
+    places
+        Name of the area of each place, by IRI, that it gets to.
+    seed
+        Of its choices.
+    """
+
+    def __init__(
+        self,
+        station: Station,
+        graph: Graph,
+        hands: Mapping[str, str],
+        places: Mapping[str, str],
+        seed: int = 0,
+    ) -> None:
+        self.robot = RobotAtBench(station)
+        self.graph, self._arms, self._places, self._seed = graph, hands, places, seed
+        self._held: dict[str, _Held] = {}
+        self._products: dict[str, str] = {}
+        self._sizes: dict[str, list[float]] = {}
+        self._seen: dict[str, tuple[tuple[float, int], list[Sighting]]] = {}
+        self._asked = 0
+        self._tried: Counter[str] = Counter()
+
+    @property
+    def hands(self) -> Mapping[str, str]:
+        """Gripper id of each hand: its IRI, as robots of one kind have hands of one name."""
+        return {hand: hand for hand in self._arms}
+
+    @property
+    def places(self) -> Mapping[str, str]:
+        """Name of the area of each place that it gets to, by IRI."""
+        return self._places
+
+    @property
+    def physics(self) -> Literal["faithful", "fast"]:
+        """Preset of the physics."""
+        return "faithful" if self.robot.preset == "faithful" else "fast"
+
+    def sees(self, item: str, place: str) -> bool:
+        """Look whether a thing is in an area, or feel whether it is in a hand."""
+        if place in self._arms:
+            return self._feels(item, place)
+        return place in self._places and self._sight(item, place) is not None
+
+    def find(self, item: str) -> str | None:
+        """Look for a thing in all areas within reach, and feel for it in the hands.
+
+        An arm that has lost what it held is out of the way then.
+        """
+        for hand, held in list(self._held.items()):
+            if not self._feels(held.item, hand):
+                self._let_go(hand)
+        return next((at for at in (*self._arms, *self._places) if self.sees(item, at)), None)
+
+    def picture(self) -> bytes | None:
+        """Return what the camera sees as JPEG."""
+        frame, _ = self.robot.look("right")
+        if frame.rgb is None:
+            return None
+        done, data = cv2.imencode(".jpg", np.ascontiguousarray(frame.rgb[..., ::-1]))
+        return data.tobytes() if done else None
+
+    def look(self, place: str) -> list[Sighting]:
+        """Look at an area; return what is in it, recognised by the graph."""
+        moment = self.robot.world.moment
+        if place not in self._seen or self._seen[place][0] != moment:
+            view, inside = self.robot.look_at(self._places[place])
+            self._seen[place] = moment, [self._recognise(seen, view) for seen in inside]
+        return self._seen[place][1]
+
+    def look_anew(self) -> None:
+        """Forget what was seen: the graph may know more of it now."""
+        self._seen.clear()
+
+    def pick(self, item: str, place: str, hand: str) -> Deed:
+        """Look, choose a grasp with the graph, plan, grasp and lift."""
+        sighting = self._sight(item, place)
+        if hand in self._held:
+            return Deed(False, "hand_full", was_tried=False)
+        if sighting is None:
+            return Deed(False, "not_seen", was_tried=False)
+        seconds: dict[str, float] = {}
+        answer, track = self._ask(sighting, item, hand, seconds)
+        started = time.perf_counter()
+        planned = self._choose(answer, track, sighting, hand)
+        seconds["plan"] = time.perf_counter() - started
+        if planned.plan is None or planned.grasp is None:
+            return self._unreachable(planned)
+        run = self.robot.executor.begin(planned.plan)
+        began, started = time.time(), time.perf_counter()
+        reason = run.grasp()
+        span = began, began + time.perf_counter() - started
+        # What becomes of the thing is the next step's: nothing was put down, so nothing arrived.
+        record = replace(run.record, judged_placed=Judgement("unknown"))
+        self._tried[item] += 1
+        number = self._tried[item]
+        outcome = outcome_message(record, number, answer, planned.grasp, seconds, [], span)
+        if reason == "ok":
+            self._held[hand] = _Held(item, run)
+            self.robot.is_holding = True
+        attempted = Attempted(planned.grasp, outcome, sighting.observation)
+        return Deed(reason == "ok", reason, record.duration_s, record.lifted_m, attempted)
+
+    def put(self, item: str, place: str, hand: str) -> Deed:
+        """Put a held thing into a box or onto a free spot of an area, and look whether it is."""
+        held = self._held.get(hand)
+        if held is None or held.item != item or not self._feels(item, hand):
+            self._let_go(hand)
+            return Deed(False, "slip_transport")
+        area, run = self._places[place], held.run
+        # Where the others were when the grasp was planned, they may be no longer.
+        still = [obstacle for obstacle in run.plan.obstacles
+                 if not isinstance(obstacle, Obstacle) or obstacle.name != OTHER_ROBOT]  # fmt: skip
+        run.plan = replace(run.plan, obstacles=(*still, *self.robot.station.others()))
+        box = self.robot.station.boxes.get(area)
+        before = run.drive.elapsed_s
+        if box is not None:
+            reason = run.place_in_box(box)
+        else:
+            view, _ = self.robot.look_at(area)
+            size = max(run.plan.request.length, run.plan.request.width)
+            spots = self.robot.free_spots(area, size, view.perceived)
+            reason = run.place_within(*self.robot.station.ranges(area), spots)
+        self._forget(hand)
+        if reason != "ok" and self._has_arrived(item, place, run):
+            reason = "ok"
+        return Deed(reason == "ok", reason, run.drive.elapsed_s - before)
+
+    def give(self, item: str, hand: str, target: str) -> Deed:
+        """Say that hands do not meet here: things change hands at places."""
+        return Deed(False, "place_plan")
+
+    def _has_arrived(self, item: str, place: str, run: AttemptRun) -> bool:
+        """Look for a thing of which it is not certain that it arrived.
+
+        It did if it is seen there, or if something new is there and it is nowhere on the table.
+        """
+        if self._sight(item, place) is not None:
+            return True
+        layout = self.robot.station.bench.layout
+        tables = [at for at, name in self._places.items() if not layout.area(name).is_box]
+        is_gone = all(self._sight(item, at) is None for at in tables)
+        return run.placed.is_new_there and run.placed.answer == "unknown" and is_gone
+
+    def _feels(self, item: str, hand: str) -> bool:
+        held = self._held.get(hand)
+        if held is None or held.item != item:
+            return False
+        return self.robot.robot.finger_opening(self._arms[hand]) > CLOSED_ON_SOMETHING
+
+    def _let_go(self, hand: str) -> None:
+        """Bring an arm home that has lost what it held."""
+        held = self._held.get(hand)
+        if held is not None:
+            held.run.put_back()
+            self._forget(hand)
+
+    def _forget(self, hand: str) -> None:
+        self._held.pop(hand, None)
+        self.robot.is_holding = bool(self._held)
+
+    def _sight(self, item: str, place: str) -> Sighting | None:
+        """Return the thing if it is seen in an area.
+
+        What has fallen over shows a side that the graph may not know: then it is the only thing in
+        the area that is nothing else, if it has the size that this robot saw of it.
+        """
+        product, there = self._product(item), self.look(place)
+        sighting = next((seen for seen in there if seen.object == product), None)
+        if sighting is None and item in self._sizes:
+            strangers = [seen for seen in there if not seen.object]
+            alike = [seen for seen in strangers if _is_alike(seen, self._sizes[item])]
+            sighting = alike[0] if len(alike) == len(strangers) == 1 else None
+        if sighting is not None:
+            self._sizes.setdefault(item, _size(sighting))
+        return sighting
+
+    def _product(self, item: str) -> str:
+        if item not in self._products:
+            rows = self.graph.query(_PRODUCT % item)
+            self._products[item] = str(rows[0]["product"]) if rows else ""
+        return self._products[item]
+
+    def _recognise(self, seen: Seen, view: View) -> Sighting:
+        """Ask the graph what a thing is; it may be less sure of what was expected there anyway.
+
+        Without the name of a frame, so that the graph does not take the look for news of where the
+        thing is: that it stands on a place, and which of several it is, a mere pose does not say.
+        """
+        observation = observation_message(
+            seen, view.perceived, view.base_from_camera, self.robot.base_frame
+        )
+        answer = self.graph.call(
+            "recognise_for_grasp", gripper_id=next(iter(self.hands.values())),
+            **_nowhere(observation),
+        )  # fmt: skip
+        recognition = answer["recognition"]
+        matches = recognition["matches"]
+        product = str(answer["object"]) if recognition["accepted"] else ""
+        if not product and matches and matches[0]["confidence"] >= _RESEMBLES:
+            product = str(matches[0]["object"])
+        return Sighting(seen, view, product, observation)
+
+    def _ask(
+        self, sighting: Sighting, item: str, hand: str, seconds: dict[str, float]
+    ) -> tuple[dict[str, Any], TrackedObject]:
+        """Ask the graph for grasps of a thing; return the answer and the thing as it is planned."""
+        self._asked += 1
+        track = TrackedObject(self._asked, sighting.seen, self._product(item))
+        request = {
+            "task": "pick",
+            "gripper_id": self.hands[hand],
+            "propose": True,
+            "in_space": self.robot.takes_poses,
+            "max_grasps": 50,
+            "seed": mix_seed(self._seed, self._asked),
+            "preset": self.robot.preset,
+            "neighbours": neighbour_points(sighting.seen, sighting.view.perceived),
+            "object": track.object_iri,
+        }
+        started = time.perf_counter()
+        answer = self.graph.call("recognise_for_grasp", **request, **_nowhere(sighting.observation))
+        seconds["ask"] = time.perf_counter() - started
+        return answer, track
+
+    def _choose(
+        self, answer: Mapping[str, Any], track: TrackedObject, sighting: Sighting, hand: str
+    ) -> GraspChoice:
+        self.robot.arm = self._arms[hand]
+        seed = mix_seed(self._seed, self._asked)
+        perceived = sighting.view.perceived
+        return choose_grasp(self.robot, track, perceived, answer["grasps"], _MAX_PLANS, seed)
+
+    def _unreachable(self, planned: GraspChoice) -> Deed:
+        """Say why nothing was tried."""
+        if planned.grasp is None:
+            return Deed(False, planned.reason, was_tried=False)
+        outcome = {"success": False, "placed": False, "reason": planned.reason}
+        return Deed(False, planned.reason, attempt=Attempted(planned.grasp, outcome))
+
+
+def _nowhere(observation: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an observation without the name of its frame; its poses stay in the base frame."""
+    return {name: value for name, value in observation.items() if name != "frame_id"}
+
+
+def _size(sighting: Sighting) -> list[float]:
+    """Return the sizes of a thing as it was seen, m, the smallest first."""
+    shape = sighting.seen.shape
+    return sorted((shape.length, shape.width, shape.height))
+
+
+def _is_alike(sighting: Sighting, size: list[float]) -> bool:
+    ratios = np.array(_size(sighting)) / size
+    return bool(np.all(np.abs(ratios - 1) < _SAME_SIZE))
+
+
+_PRODUCT = f"""{PREFIXES}
+SELECT ?product WHERE {{ <%s> rt:exemplarOf ?product . ?product rt:objectId ?id }} LIMIT 1"""

@@ -1,0 +1,132 @@
+"""A robot at a bench as grasps are chosen and planned for it: other arms stand in its way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from features.geometry import FloatArray
+from features.perception import Ignored, Perceived, Seen, perceive
+from simulate.agent.second_look import View
+from simulate.agent.simulated_body import RobotAtTable
+from simulate.grasping.executor import GraspRequest, PlannedGrasp
+from simulate.robots.description import Floats
+from simulate.tasks.arms.bench import Station
+
+__all__ = ["RobotAtBench"]
+
+Spots = tuple[tuple[float, float], ...]
+
+_EDGE_M = 0.02
+_NO_STANCE = "ik"
+
+
+class RobotAtBench(RobotAtTable):
+    """A robot of a bench: looks at areas, and plans with one chosen arm.
+
+    Parameters
+    ----------
+    station
+        Where it stands.
+    """
+
+    def __init__(self, station: Station) -> None:
+        super().__init__(station.executor)
+        self.station = station
+        self.arm = ""
+        """Name of the arm to plan for; empty = any."""
+        self.is_holding = False
+        """Whether a hand of it holds something, so that it keeps its stance."""
+        self.ignored = (*self._beyond(), *self._boxes(""))
+
+    def plan(
+        self, request: GraspRequest, obstacles: list[FloatArray], seed: int
+    ) -> PlannedGrasp | str:
+        """Plan a grasp with the chosen arm around what the camera saw and the other robots."""
+        if self.is_holding and request.stances == "other":
+            return _NO_STANCE
+        if self.arm:
+            request = replace(request, arm=self.arm)
+        clouds = [cloud.astype(np.float64) for cloud in obstacles]
+        return self.executor.plan(request, [*clouds, *self.station.others()], seed)
+
+    def look_at(self, area: str) -> tuple[View, list[Seen]]:
+        """Look at an area; return the view and what is seen within it."""
+        x, y = self.station.ranges(area)
+        side, camera = self._viewpoint(area, sum(y) / 2)
+        frame, base_from_camera = self.look(side, camera)
+        is_box = self.station.bench.layout.area(area).is_box
+        ignored = (*self._beyond(), *self._boxes(area)) if is_box else self.ignored
+        perceived = perceive(frame, base_from_camera, ignored)
+        inside = [
+            seen for seen in perceived.objects
+            if x[0] <= seen.position[0] <= x[1] and y[0] <= seen.position[1] <= y[1]
+        ]  # fmt: skip
+        return View(frame, base_from_camera, perceived), inside
+
+    def _viewpoint(self, area: str, y: float) -> tuple[str, str | None]:
+        """Return side and camera that show most of an area."""
+        side = "left" if y > 0 else "right"
+        cameras = self.robot.description.cameras
+        first = next(iter(cameras.values()))
+        if any(first.look.values()):
+            box = f"box_{side}"
+            is_box = self.station.bench.layout.area(area).is_box and box in first.look
+            return (box if is_box else side), None
+        shown = {name: self._share_shown(area, name) for name in cameras}
+        best = max(shown, key=lambda name: (shown[name], name == first.name))
+        return side, None if best == first.name else best
+
+    def _share_shown(self, area: str, camera: str) -> int:
+        """Return how many corners of an area are in the picture of a camera that stands still."""
+        (x0, x1), (y0, y1) = self.station.ranges(area)
+        height = self.robot.description.workplace.table_height
+        camera_from_base = np.linalg.inv(self.robot.base_from_camera(None, camera))
+        intrinsics = self.eyes.camera.intrinsics
+        shown = 0
+        for corner in ([x0, y0], [x0, y1], [x1, y0], [x1, y1]):
+            x, y, z = (camera_from_base @ [*corner, height, 1.0])[:3]
+            u = intrinsics.fx * x / z + intrinsics.cx
+            v = intrinsics.fy * y / z + intrinsics.cy
+            shown += bool(0 <= u < intrinsics.width and 0 <= v < intrinsics.height)
+        return shown
+
+    def _beyond(self) -> Iterator[Ignored]:
+        """Yield what is off the table, where robots stand."""
+        x = self.robot.description.workplace.table_x
+        everywhere = (-np.inf, np.inf)
+        yield Ignored((-np.inf, x[0] - _EDGE_M), everywhere)
+        yield Ignored((x[1] + _EDGE_M, np.inf), everywhere)
+
+    def _boxes(self, but: str) -> Iterator[Ignored]:
+        for name, box in self.station.bench.boxes.items():
+            if name != but:
+                seen = self.station.seen(box)
+                yield Ignored(seen.x_range, seen.y_range)
+
+    def free_spots(self, area: str, size: float, view: Perceived) -> Spots:
+        """Return spots (x, y), m, base frame, of an area for something of a size, freest first."""
+        (x0, x1), (y0, y1) = self.station.ranges(area)
+        margin = min(size / 2, (x1 - x0) / 2.2, (y1 - y0) / 2.2)
+        xs, ys = np.linspace(x0 + margin, x1 - margin, 3), np.linspace(y0 + margin, y1 - margin, 5)
+        spots = np.array([(x, y) for x in xs for y in ys])
+        middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
+        room = _room(spots, view)
+        away = np.linalg.norm(spots - middle, axis=1)
+        order = np.lexsort((away, -np.minimum(room, size + _ROOM_M)))
+        return tuple((float(spots[k][0]), float(spots[k][1])) for k in order[:_SPOTS])
+
+
+_SPOTS = 5
+_ROOM_M = 0.03
+
+
+def _room(spots: Floats, view: Perceived) -> Floats:
+    """Return the distance of spots (n, 2) from the nearest thing, m."""
+    clouds = [seen.points[:, :2] for seen in view.objects]
+    if not clouds:
+        return np.full(len(spots), np.inf)
+    points = np.concatenate(clouds)
+    return np.array([np.linalg.norm(points - spot, axis=1).min() for spot in spots])

@@ -1,0 +1,125 @@
+"""Whole arms at a bench: where robots see things, what they know of hands, and whole goals."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import rtask
+from rtask.cli import main
+from rtask.engine import Engine
+from rtask.rdf.namespaces import PREFIXES
+from simulate.tasks.arms.bench import Bench
+from simulate.tasks.arms.introducing import introduce, survey
+from simulate.tasks.arms.layouts import own_table, place_things, sorting_table
+from simulate.tasks.arms.station_body import RobotAtBench
+from simulate.tasks.arms.working import Settings, crew_at_tables
+from simulate.world.objects import sample_objects, spec_of
+from simulate.world.scene import Placement
+
+pytestmark = pytest.mark.slow
+
+_APART_M = 0.025
+"""By which the middle of what is seen may be off: cameras see one side of a thing."""
+
+
+def _free(layout, spec, area):
+    """Return a placement in the middle of an area, frame of the bench."""
+    at = layout.area(area)
+    return Placement(spec, sum(at.x) / 2, sum(at.y) / 2, 0.3)
+
+
+def test_robots_of_both_sides_see_a_thing_at_one_place(tmp_path):
+    """A Nao and the Panda opposite look at the part of the table that they share."""
+    layout = sorting_table()
+    bench = Bench(layout, [_free(layout, spec_of("can-81"), "left part")], tmp_path, preset="fast")
+    try:
+        pose = bench.world.object_pose(bench.laid[0].body)
+        assert bench.area_of(bench.laid[0].body) == "left part"
+        for robot in ("nao-1", "panda-1"):
+            station = bench.stations[robot]
+            _, [seen] = RobotAtBench(station).look_at("left part")
+            world = station.world_from_base @ [*seen.position, 0.0, 1.0]
+            assert np.hypot(*(world[:2] - [pose.x, pose.y])) < _APART_M
+            known = bench.product_at(station, seen.position)
+            assert known is not None
+            assert known.name == "can-81"
+        _, elsewhere = RobotAtBench(bench.stations["nao-2"]).look_at("right part")
+        assert elsewhere == []
+        bench.put(bench.laid[0].body, 0.15, -0.40)
+        _, [found] = RobotAtBench(bench.stations["nao-2"]).look_at("right part")
+        assert found.position[1] == pytest.approx(0.10, abs=_APART_M)
+    finally:
+        bench.close()
+
+
+def test_things_stand_in_areas_that_hands_get_to():
+    layout = sorting_table()
+    specs = sample_objects(np.random.default_rng(3), 6, ("can", "box"))
+    placed = place_things(layout, specs, np.random.default_rng(3))
+    assert sorted(spot.spec.name for spot in placed) == sorted(spec.name for spec in specs)
+    inside = [[a.name for a in layout.areas if a.holds(spot.x, spot.y)] for spot in placed]
+    assert all(len(names) == 1 and "box" not in names[0] for names in inside)
+
+
+def test_a_survey_tells_the_graph_what_stands_where_and_hands_where_they_get_to(tmp_path):
+    layout = own_table("nao-1", "nao")
+    bench = Bench(layout, [_free(layout, spec_of("can-81"), "right half")], tmp_path, preset="fast")
+    try:
+        with rtask.open(":memory:") as kb, Engine(kb) as engine:
+            planner = rtask.connect(engine)
+            crew = introduce(planner, bench)
+            [thing] = survey(planner, bench, crew)
+            [body] = crew.bodies.values()
+            places = {name: place for place, name in crew.places.items()}
+            assert body.find(thing) == places["right half"]
+            assert not body.sees(thing, places["left half"])
+            plan = kb.tasks.plan("every can into the right box")
+            assert plan.is_complete
+            arm = {body._arms[step.arguments["hand"]] for step in plan.steps}
+            assert arm == {"right_arm"}
+            # No hand of a Nao gets from its right to its left.
+            [refusal] = kb.tasks.plan("every can into the left box").refusals
+            assert "beyond reach" in refusal.text
+            # What a person took away is lost, and comes back as the same thing.
+            at = bench.world.object_pose(bench.laid[0].body)
+            bench.put(bench.laid[0].body, at.x, 2.0)
+            body.look_anew()
+            assert survey(planner, bench, crew) == []
+            assert not kb.query(f"{PREFIXES} ASK {{ <{thing}> rt:locatedOn ?place }}")
+            # A hand without anything in it puts nothing down.
+            [hand, *_] = body.hands
+            deed = body.put(thing, places["right box"], hand)
+            assert (deed.success, deed.reason) == (False, "slip_transport")
+    finally:
+        bench.close()
+
+
+@pytest.mark.deep
+def test_a_panda_reaches_a_goal_and_the_physics_agrees():
+    with rtask.open(":memory:") as kb, Engine(kb) as engine:
+        planner = rtask.connect(engine)
+        with crew_at_tables(planner, Settings(("panda",), 2, seed=4)) as working:
+            planner.call("store_plan", goal="something into the left box")
+            [ended] = working.work()
+            assert ended.result == "reached"
+            where = [truth.place for truth in working.truths()]
+            assert where.count("left box") == 1
+            assert all(t.remembered in ("", t.place) for t in working.truths())
+        attempts = kb.select(f"""{PREFIXES} SELECT ?attempt ?grasp WHERE {{
+          ?task rt:carriedOutBy ?attempt . ?attempt a rt:GraspAttempt ; rt:usedGrasp ?grasp }}""")
+        assert len(attempts) >= 1
+
+
+@pytest.mark.deep
+def test_a_thing_changes_hands_between_a_panda_and_a_nao(tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["simulate", "crew", "every can into the left box", "-d", str(tmp_path / "lab"),
+              "--things", "2", "--seed", "3", "--json"])  # fmt: skip
+    said = json.loads(capsys.readouterr().out)
+    done = {turn["robot"].rpartition("/")[2] for turn in said["turns"] if turn["result"] == "done"}
+    assert ended.value.code in (0, None)
+    assert {"panda-1", "nao-1"} <= done
+    assert all(t["truly"] == "left box" for t in said["things"] if t["name"].startswith("can"))
