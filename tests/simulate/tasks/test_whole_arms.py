@@ -49,8 +49,12 @@ def test_robots_of_both_sides_see_a_thing_at_one_place(tmp_path):
         _, elsewhere = RobotAtBench(bench.stations["nao-2"]).look_at("right part")
         assert elsewhere == []
         bench.put(bench.laid[0].body, 0.15, -0.40)
-        _, [found] = RobotAtBench(bench.stations["nao-2"]).look_at("right part")
-        assert found.position[1] == pytest.approx(0.10, abs=_APART_M)
+        robot = RobotAtBench(bench.stations["nao-2"])
+        view, [seen] = robot.look_at("right part")
+        assert seen.position[1] == pytest.approx(0.10, abs=_APART_M)
+        spots = np.array(robot.free_spots("right part", 0.03, view.perceived))
+        assert np.linalg.norm(seen.points[None, :, :2] - spots[:, None], axis=2).min() > 0.015
+        assert robot.free_spots("right part", 0.5, view.perceived) == ()
     finally:
         bench.close()
 
