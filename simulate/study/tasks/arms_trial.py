@@ -16,12 +16,11 @@ from simulate.tasks.arms.working import Settings, WholeCrew, crew_at_tables
 from simulate.tasks.executor import Turn
 from simulate.world.seeds import mix_seed, stream
 
-__all__ = ["EVENTS", "TABLES", "run_trial"]
+__all__ = ["EVENTS", "run_trial"]
 
 EVENTS = ("", "moved", "dropped", "declined")
 """What may come between: nothing; a person moves the thing before it is picked up, or takes it out
 of the hand and drops it onto the table; a person says no."""
-TABLES = ("panda", "sorting", "nao")
 _STREAM = 72
 _MARGIN_M = 0.03
 _MOST_DRAWS = 200
@@ -64,9 +63,10 @@ class _Event:
 
 def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """Return what came of one goal."""
-    table = TABLES[number % len(TABLES)]
+    tables = settings["tables"]
+    table = tables[number % len(tables)]
     events = settings["events"]
-    kind = str(events[(number // len(TABLES)) % len(events)]) if events else ""
+    kind = str(events[(number // len(tables)) % len(events)]) if events else ""
     seed = mix_seed(settings["seed"], _STREAM, number)
     rng = stream(settings["seed"], _STREAM, number)
     setting = Settings((table,), settings["things"], seed, settings["preset"])
