@@ -8,6 +8,7 @@ from pathlib import Path
 
 from grasp.spatial.candidate import Proposals
 from grasp.spatial.collision import Support, Surroundings
+from grasp.spatial.contact_plan import OtherHand, plan_contacts
 from grasp.spatial.grasp_plan import SpatialOptions, plan_on_mesh
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.meshes.mesh_files import mesh_from_bytes
@@ -50,7 +51,7 @@ class BatchPlan:
     meshes
         What to plan on; z up where they stand on a support.
     gripper
-        Of all plans.
+        Of all plans: jaws, a suction cup or three fingers.
     options
         The same for each; ``reachable`` is for one process only.
     scale
@@ -65,7 +66,7 @@ class BatchPlan:
     """
 
     meshes: tuple[MeshFile, ...]
-    gripper: ParallelGripper
+    gripper: ParallelGripper | OtherHand
     options: SpatialOptions
     scale: float = 1.0
     floating: bool = False
@@ -84,6 +85,10 @@ class BatchPlan:
             mesh = mesh_from_bytes(file.contents, file.kind, file.name, self.scale)
             lowest = float(mesh.vertices[:, 2].min()) if len(mesh.vertices) else 0.0
             around = Surroundings(None if self.floating else Support(lowest))
-            return Planned(file.name, plan_on_mesh(mesh, self.gripper, around, self.options))
+            if isinstance(self.gripper, ParallelGripper):
+                proposals = plan_on_mesh(mesh, self.gripper, around, self.options)
+            else:
+                proposals = plan_contacts(mesh, self.gripper, around, self.options)
+            return Planned(file.name, proposals)
         except ValueError as error:
             return Planned(file.name, Proposals(reason="the mesh cannot be used"), str(error))

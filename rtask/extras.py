@@ -40,6 +40,7 @@ EXTRA_OF = {
     "cyclonedds": "dds",
     "sklearn": "classifier",
     "ray": "ray",
+    "rapidocr": "words",
 }
 
 

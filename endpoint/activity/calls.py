@@ -15,6 +15,7 @@ _ASKED = {
     "recall_grasps": "asks how an object was grasped before",
     "resolve_entities": "asks what fits a description",
     "plan_in_space": "asks for grasps in space",
+    "reconstruct_mesh": "asks for the surface of an object",
     "plan_grasps": "asks for push grasps of a part",
     "insert_object": "tells about an object",
     "report_outcome": "reports an outcome",

@@ -16,6 +16,7 @@ from rtask.errors import UsageError
 from rtask.extras import naming_extras
 from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import NamedNode, iri, python_value
+from rtask.world.surfaces import stored_mesh
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,6 +49,23 @@ def cloud() -> WerkzeugResponse:
         points, colours = _points_of_view(iri(view), blob) if view else _points_of_model(subject)
         response.set_data(ply_of(*thinned(points, colours, most)))
     return response
+
+
+@blueprint.route("/object/mesh.ply", methods=["GET"])
+def mesh() -> WerkzeugResponse:
+    """Return the reconstructed surface of an object as binary PLY, m, in the object's frame."""
+    subject = iri(resolve_object("iri"))
+    kb = embedded_graph()
+    stored = stored_mesh(kb, subject)
+    if stored is None:
+        raise RefusedError(
+            404, "not-found", f"no surface of {subject.value} yet; reconstruct_mesh makes one"
+        )
+    response = flask.Response(content_type="model/ply")
+    response.set_etag(stored.blob.rpartition(":")[2][:32])
+    response.headers["Cache-Control"] = "private, no-cache"
+    response.set_data(kb.blobs.read(stored.blob))
+    return response.make_conditional(flask.request)
 
 
 def _blob_of_model(model: NamedNode) -> str:

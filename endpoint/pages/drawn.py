@@ -11,6 +11,7 @@ from rtask.engine.stored import stored_models
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode
 from rtask.world.scene.nodes import grasp_lines
+from rtask.world.surfaces import stored_mesh
 
 __all__ = ["belief_over", "clouds_of", "curve", "gripper_lines", "has_viewer"]
 
@@ -27,7 +28,9 @@ def has_viewer() -> bool:
 
 
 def clouds_of(model: NamedNode, views: list[Model]) -> list[dict[str, str]]:
-    """Return the name and the IRI of each cloud of an object, its model first.
+    """Return the name and the IRI of each cloud of an object, its surface and its model first.
+
+    The surface, which is no cloud, has ``surface`` in the place of an IRI; a stale one comes last.
 
     Parameters
     ----------
@@ -40,6 +43,13 @@ def clouds_of(model: NamedNode, views: list[Model]) -> list[dict[str, str]]:
     for number, view in enumerate(views, 1):
         if view["cloud"] and kb.match(NamedNode(str(view["view"])), RT.viewpoint):
             clouds.append({"name": f"view {number}", "cloud": str(view["view"])})
+    surface = stored_mesh(kb, model)
+    if surface is not None:
+        seen = f"{surface.seen_share:.0%} seen"
+        if surface.is_current:
+            clouds.insert(0, {"name": f"surface, {seen}", "cloud": "surface"})
+        else:
+            clouds.append({"name": f"surface of former views, {seen}", "cloud": "surface"})
     return clouds
 
 

@@ -129,9 +129,17 @@ def _faces(distance: NDArray[np.float64], number: NDArray[np.int64]) -> NDArray[
 
 
 def mesh_to_ply(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], colours: NDArray[np.uint8]
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    colours: NDArray[np.uint8],
+    seen: NDArray[np.bool_] | None = None,
 ) -> bytes:
     """Return a binary PLY file of a coloured mesh.
+
+    Parameters
+    ----------
+    seen : (v,) bool, optional
+        Stored as the vertex property ``seen``, 0 or 1.
 
     Examples
     --------
@@ -144,10 +152,14 @@ def mesh_to_ply(
         f"element vertex {len(vertices)}\n"
         "property float x\nproperty float y\nproperty float z\n"
         "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+        f"{'' if seen is None else 'property uchar seen' + chr(10)}"
         f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
-    corners = np.zeros(len(vertices), [("place", "<f4", 3), ("colour", "u1", 3)])
+    extra = [] if seen is None else [("seen", "u1")]
+    corners = np.zeros(len(vertices), [("place", "<f4", 3), ("colour", "u1", 3), *extra])
     corners["place"], corners["colour"] = vertices, colours
+    if seen is not None:
+        corners["seen"] = seen
     triangles = np.zeros(len(faces), [("count", "u1"), ("corner", "<i4", 3)])
     triangles["count"], triangles["corner"] = 3, faces
     return head.encode() + corners.tobytes() + triangles.tobytes()

@@ -99,8 +99,13 @@ def fuse(
         if _is_narrow(looks, object_iri, params):
             mean = min(mean, 0.0)
         best = max(matches, key=lambda match: match.confidence)
-        shown = here.get(object_iri) or replace(best, query_from_view=None, difference=None)
-        fused.append(replace(shown, confidence=_share(mean)))
+        shown = here.get(object_iri) or replace(
+            best, query_from_view=None, difference=None, homography=None
+        )
+        # A word that one look shows in place of another is not outvoted by looks that hide it.
+        words = next((match.words for match in matches if match.words is not None), None)
+        mean = mean if words is None else min(mean, 0.0)
+        fused.append(replace(shown, confidence=_share(mean), words=words))
     fused.sort(key=lambda match: (-match.confidence, match.object_iri))
     constants = confidence or ConfidenceParams()
     untried = min(look.views_untried for look in looks)
@@ -113,6 +118,7 @@ def fuse(
         least = min(least, constants.threshold)
     outcome, accepted = decide(np.array([m.confidence for m in fused]), least, constants)
     accepted = accepted and votes > sum(look.accepted for look in looks) - votes
+    accepted = accepted and fused[0].words is None
     family = next((look.family for look in looks if look.family == first), "")
     return Recognition(
         outcome if accepted or not family else "multiple",

@@ -32,6 +32,7 @@ from features.recognition.index.snapshot import Matches, Snapshot
 from features.recognition.ranking import MAX_CHOSEN, Candidate, First, Ranking, chosen
 from features.recognition.views.stored import stored_features
 from features.recognition.views.view import ViewFeatures, describe_view
+from features.words.contradiction import WordContradiction
 
 __all__ = ["Match", "Recogniser", "RecogniserParams", "Recognition", "warm_up"]
 
@@ -76,6 +77,11 @@ class Match:
     is_in_other_light
         The colours are more like the object's in another light than their own; only where shapes
         are compared as well.
+    homography : (3, 3) float64 or None, px
+        Map of the best view's image into the query's, where their print was compared.
+    words
+        A word of the query in the place of another one of the object: it is a sibling. None where
+        words were not read, or say nothing against it.
     """
 
     object_iri: str
@@ -91,6 +97,8 @@ class Match:
     by_print: bool = False
     extent: float = 0.0
     is_in_other_light: bool = False
+    homography: NDArray[np.float64] | None = None
+    words: WordContradiction | None = None
 
 
 @dataclass(frozen=True)
@@ -134,10 +142,19 @@ class Recognition:
     @property
     def differs(self) -> str:
         """Where the view differs from the object of its family, in words; empty without one."""
-        first = self.matches[0] if self.family else None
-        if first is None or first.object_iri != self.family or first.difference is None:
-            return ""
-        return first.difference.place
+        first = self._of_family
+        return "" if first is None or first.difference is None else first.difference.place
+
+    @property
+    def words(self) -> WordContradiction | None:
+        """Words by which the view differs from the object of its family; None without such."""
+        return None if self._of_family is None else self._of_family.words
+
+    @property
+    def _of_family(self) -> Match | None:
+        """The first match, where that is the object of the family."""
+        first = self.matches[0] if self.family and self.matches else None
+        return first if first is not None and first.object_iri == self.family else None
 
 
 class Recogniser:
@@ -352,6 +369,9 @@ def _as_match(candidate: Candidate, snapshot: Snapshot, confidence: float) -> Ma
         by_print=candidate.evidence.passes_on_print(confidence),
         extent=0.0 if candidate.printed is None else candidate.printed.evidence.extent,
         is_in_other_light=candidate.is_in_other_light,
+        homography=None
+        if candidate.printed is None
+        else candidate.printed.alignment.query_from_view,
     )
 
 

@@ -30,8 +30,15 @@ def plan_contacts(
     hand: OtherHand,
     surroundings: Surroundings | None = None,
     options: SpatialOptions | None = None,
+    given: FloatArray | None = None,
 ) -> Proposals:
     """Plan where a hand takes a mesh; see :func:`~grasp.spatial.suction.plan_suction`.
+
+    Parameters
+    ----------
+    given : (n, 4, 4) or None
+        Poses of the hand in the mesh's frame, as from another planner or a data set, which are
+        ranked instead of own ones; fingers close from there.
 
     Examples
     --------
@@ -43,8 +50,8 @@ def plan_contacts(
     [True, True]
     """
     if isinstance(hand, SuctionCup):
-        return plan_suction(mesh, hand, surroundings, options)
-    return plan_three_finger(mesh, hand, surroundings, options)
+        return plan_suction(mesh, hand, surroundings, options, given)
+    return plan_three_finger(mesh, hand, surroundings, options, given)
 
 
 def plan_contacts_on_cloud(

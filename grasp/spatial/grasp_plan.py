@@ -10,8 +10,9 @@ import numpy as np
 from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
-from grasp.spatial.clouds.completion import complete_by_symmetry
+from grasp.spatial.clouds.completion import compare_symmetries, complete_by_symmetry
 from grasp.spatial.clouds.ground import find_support
+from grasp.spatial.clouds.shape_samples import ShapeSamples, sample_shapes
 from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.hand_search.shipped import Filter, chosen_filter
@@ -23,6 +24,7 @@ from grasp.spatial.scoring.holding import with_holding
 from grasp.spatial.scoring.object_load import ObjectLoad
 from grasp.spatial.scoring.promises import Promises
 from grasp.spatial.scoring.select import diverse, hedged, rank
+from grasp.spatial.scoring.shape_chance import with_shape_chance
 
 __all__ = ["SpatialOptions", "plan_given", "plan_on_cloud", "plan_on_mesh", "warm_up"]
 
@@ -64,6 +66,9 @@ class SpatialOptions:
         Whether a table that was left in a cloud is taken for its support where none is given.
     promises
         What is promised of a hand, grown from its outcomes; None = that of a hand without any.
+    shapes
+        Samples of the shape that a cloud seen from some sides may have, over which its grasps are
+        ranked, e.g. 24; 0 = ranked on one guess of it. Not for meshes, nor where a filter ranks.
     """
 
     noise: PoseNoise = field(default_factory=PoseNoise)
@@ -79,6 +84,7 @@ class SpatialOptions:
     pairs: bool = True
     find_support: bool = True
     promises: Promises | None = None
+    shapes: int = 0
 
     def __post_init__(self) -> None:
         if self.mass is not None and not 0 < self.mass < np.inf:
@@ -198,7 +204,9 @@ def plan_on_cloud(
     one side alone is known (label ``half``) counts half. Where a hidden side was completed, three
     grasps of the completed cloud are followed by two of what is seen alone, and so on: the guess
     may be wrong. Without a filter the best hand that fits comes first, pairs of contacts from the
-    second place on; a filter tells by itself which pairs come before hands.
+    second place on; a filter tells by itself which pairs come before hands. With
+    :attr:`SpatialOptions.shapes` all are ranked together by how likely they lift and carry what the
+    object may be (:mod:`grasp.spatial.scoring.shape_chance`).
     Grasps that differ from a better one by half a turn about the approach come last.
     """
     from grasp.spatial.hand_search.hand_search import propose_on
@@ -210,7 +218,8 @@ def plan_on_cloud(
     notes = () if shown is None else (shown.note,)
     table = None if support is None else support.plane
     seen = prepare_cloud(points, table=table, viewpoints=viewpoints)
-    whole = complete_by_symmetry(seen)
+    guesses = compare_symmetries(seen)
+    whole = complete_by_symmetry(seen, guesses)
     judge = chosen_filter(classifier, gripper)
     up = None if support is None else support.up
 
@@ -242,11 +251,34 @@ def plan_on_cloud(
     if options.hedge and whole.completed.any():
         seen_hands, seen_pairs = plan(seen)
         safe = rank([*seen_hands, *seen_pairs], up)
+    shapes = None
+    if options.shapes and judge is None:
+        shapes = sample_shapes(seen, points, options.shapes, options.seed, guesses)
+    if shapes is not None:
+        guessed = rank(_over_shapes([*guessed, *safe], shapes, gripper, options), up)
+        safe = []
+    elif options.shapes:
+        why = (
+            "a filter ranks the grasps" if judge is not None else "needs a support and a viewpoint"
+        )
+        notes = (*notes, f"no shapes were sampled: {why}")
     both = hedged(guessed, safe, gripper, options.most)
     counts = {**hands.counts, **({"pairs": pairs.counts["pairs"]} if pairs else {})}
     reason = "" if both else hands.reason
     notes = (*notes, *hands.notes)
     return replace(hands, candidates=tuple(both), counts=counts, reason=reason, notes=notes)
+
+
+def _over_shapes(
+    candidates: Sequence[GraspCandidate],
+    shapes: ShapeSamples,
+    gripper: ParallelGripper,
+    options: SpatialOptions,
+) -> list[GraspCandidate]:
+    return with_shape_chance(
+        candidates, shapes, gripper, options.mass, options.noise, seed=options.seed,
+        promises=options.promises,
+    )  # fmt: skip
 
 
 def warm_up() -> None:
@@ -258,7 +290,8 @@ def warm_up() -> None:
     points, _ = box.sample(2000, np.random.default_rng(0))
     around = Surroundings(Support(-0.04), points + 1.0)
     plan_on_mesh(box, panda_hand(), around, few)
-    plan_on_cloud(points, panda_hand(), Support(-0.04), options=few)
+    camera = np.array([[0.4, 0.0, 0.4]])
+    plan_on_cloud(points, panda_hand(), Support(-0.04), camera, replace(few, shapes=2))
 
 
 def _ranked(

@@ -21,6 +21,7 @@ __all__ = [
     "OtherHand",
     "end_effector_from_data",
     "end_effector_named",
+    "end_effector_to_data",
     "gripper_from_data",
     "gripper_named",
     "gripper_to_data",
@@ -237,12 +238,27 @@ def gripper_to_data(gripper: ParallelGripper) -> dict[str, Any]:
     >>> gripper_from_data(gripper_to_data(panda_hand())) == panda_hand()
     True
     """
+    return _to_data(gripper)
+
+
+def _to_data(gripper: ParallelGripper | OtherHand) -> dict[str, Any]:
     data: dict[str, Any] = {}
-    for item in fields(ParallelGripper):
+    for item in fields(gripper):
         value = getattr(gripper, item.name)
-        if value is not None:
+        if value is not None and not (isinstance(value, str) and not value):
             data[item.name] = np.asarray(value).tolist() if item.name in _NESTED else value
     return data
+
+
+def end_effector_to_data(hand: ParallelGripper | OtherHand) -> dict[str, Any]:
+    """Return the fields of an end effector, which :func:`end_effector_from_data` reads.
+
+    >>> cup = end_effector_named("suction:0.02")
+    >>> end_effector_from_data(end_effector_to_data(cup)) == cup
+    True
+    """
+    kind = next(name for name, (made, _) in _KINDS.items() if isinstance(hand, made))
+    return {"kind": kind, **_to_data(hand)}
 
 
 _NESTED = (*_PAIRS, "parent_from_gripper", "joints", "joint_table")

@@ -1,7 +1,9 @@
 """Grasps from and to HDF5 files in the layout of ACRONYM (Eppner, Mousavian and Fox, ICRA 2021).
 
 Its poses are those of the Panda's hand with z = approach and x = closing direction, whose origin is
-the hand's base; here they are those of the tool centre point. Only this file imports h5py.
+the hand's base; here they are those of the tool centre point. Files of
+suction cups and of three fingers say so, with the places that fingers touch besides. Only this file
+imports h5py.
 """
 
 from __future__ import annotations
@@ -9,20 +11,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate
-from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.gripper import EndEffector, ParallelGripper
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.rays import NOTHING, first_and_last
 
-__all__ = ["StoredGrasps", "read_grasps", "with_contacts", "write_grasps"]
+if TYPE_CHECKING:
+    import h5py
+
+__all__ = ["StoredGrasps", "read_grasps", "read_poses", "with_contacts", "write_grasps"]
 
 _TRANSFORMS = "grasps/transforms"
 _SUCCESS = "grasps/qualities/flex/object_in_gripper"
 _CONFIDENCE = "grasps/qualities/rtask/confidence"
+_CONTACTS, _NORMALS = "grasps/contacts/points", "grasps/contacts/normals"
+_KIND = "gripper/contact_kind"
 _MAX_GRASPS = 1_000_000
 _RIGID = 1e-3
 
@@ -62,33 +70,14 @@ def read_grasps(path: Path, gripper: ParallelGripper, mesh: Mesh | None = None) 
     Raises
     ------
     ValueError
-        The file is not HDF5, or holds no grasps of this layout.
+        The file is not HDF5, holds no grasps of this layout, or those of another kind of hand.
     """
-    import h5py
-
-    try:
-        file = h5py.File(path, "r")
-    except OSError as error:
-        raise ValueError(f"{path.name} is no HDF5 file: {error}") from error
-    with file:
-        poses = _array(file, _TRANSFORMS, path)
-        if poses.ndim != 3 or poses.shape[1:] != (4, 4) or len(poses) > _MAX_GRASPS:
-            raise ValueError(
-                f"{path.name}: {_TRANSFORMS} has shape {poses.shape}, expected (n, 4, 4), n at "
-                f"most {_MAX_GRASPS:,}"
-            )
-        turns = poses[:, :3, :3]
-        rigid = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0) < _RIGID
-        if not (np.isfinite(poses).all() and rigid and (np.linalg.det(turns) > 0).all()):
-            raise ValueError(f"{path.name}: {_TRANSFORMS} are not all rigid transforms")
-        stored = next(
-            (_array(file, key, path) for key in (_CONFIDENCE, _SUCCESS) if key in file), None
-        )
-        if stored is not None and stored.shape != (len(poses),):
-            raise ValueError(f"{path.name}: {len(poses)} grasps, but {stored.shape} qualities")
-        mesh_name = file.get("object/file")
-        name = mesh_name[()] if isinstance(mesh_name, h5py.Dataset) else ""
+    with _opened(path) as file:
+        poses, stored = _placed(file, path)
+        kind = _text(file, _KIND) or "jaws"
+        name = _text(file, "object/file")
         scale = _array(file, "object/scale", path) if "object/scale" in file else np.ones(())
+    _check_kind(kind, gripper, path)
     if scale.shape or not (np.isfinite(scale) and scale > 0):
         raise ValueError(f"{path.name}: object/scale is {scale}, expected a positive number")
     placed = poses @ _hand_from_tool(gripper)
@@ -101,17 +90,28 @@ def read_grasps(path: Path, gripper: ParallelGripper, mesh: Mesh | None = None) 
     ]  # fmt: skip
     if mesh is not None:
         candidates = with_contacts(candidates, mesh, gripper)
-    return StoredGrasps(
-        tuple(candidates),
-        name.decode("utf-8") if isinstance(name, bytes) else str(name),
-        float(scale),
-    )
+    return StoredGrasps(tuple(candidates), name, float(scale))
+
+
+def read_poses(path: Path, hand: EndEffector) -> FloatArray:
+    """Return the poses of a file's grasps (n, 4, 4) in the object's frame, m, for any hand.
+
+    Raises
+    ------
+    ValueError
+        The file is not HDF5, holds no grasps of this layout, or those of another kind of hand.
+    """
+    with _opened(path) as file:
+        poses, _ = _placed(file, path)
+        kind = _text(file, _KIND) or "jaws"
+    _check_kind(kind, hand, path)
+    return np.asarray(poses @ _hand_from_tool(hand))
 
 
 def write_grasps(
     path: Path,
     candidates: Sequence[GraspCandidate],
-    gripper: ParallelGripper,
+    gripper: EndEffector,
     mesh: str = "",
     scale: float = 1.0,
 ) -> None:
@@ -122,6 +122,9 @@ def write_grasps(
     candidates
         In the object's frame, m. Their confidence goes into a data set of its own, and
         ``object_in_gripper``, which tools colour by, tells whether it is at least one half.
+    gripper
+        Of any kind: ``gripper/contact_kind`` says which. What three fingers touch goes into
+        ``grasps/contacts``, (n, 3, 3) each, NaN for a finger that does not.
     mesh, scale
         Name of the object's mesh for the reader, and metres per unit of it.
     """
@@ -134,6 +137,11 @@ def write_grasps(
         file[_SUCCESS] = (confidence >= 0.5).astype(np.uint8)
         file[_CONFIDENCE] = confidence
         file["gripper/type"] = gripper.gripper_type
+        file[_KIND] = gripper.contact_kind
+        if gripper.contact_kind == "three_fingers":
+            for name, rows in ((_CONTACTS, [c.contacts for c in candidates]),
+                               (_NORMALS, [c.normals for c in candidates])):  # fmt: skip
+                file[name] = _padded(rows)
         file["object/file"] = mesh
         file["object/scale"] = float(scale)
 
@@ -159,7 +167,60 @@ def with_contacts(
     return closing
 
 
-def _hand_from_tool(gripper: ParallelGripper) -> FloatArray:
+def _padded(rows: Sequence[FloatArray | None]) -> FloatArray:
+    """Return up to three points of each grasp as one array (n, 3, 3), NaN where there is none."""
+    padded = np.full((len(rows), 3, 3), np.nan)
+    for k, points in enumerate(rows):
+        if points is not None:
+            padded[k, : len(points)] = points
+    return padded
+
+
+def _check_kind(kind: str, hand: EndEffector, path: Path) -> None:
+    if kind != hand.contact_kind:
+        raise ValueError(
+            f"{path.name} holds grasps by {kind.replace('_', ' ')}, and {hand.name} holds by "
+            f"{hand.contact_kind.replace('_', ' ')}"
+        )
+
+
+def _opened(path: Path) -> h5py.File:
+    import h5py
+
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        raise ValueError(f"{path.name} is no HDF5 file: {error}") from error
+
+
+def _placed(file: h5py.File, path: Path) -> tuple[FloatArray, FloatArray | None]:
+    """Return the checked poses (n, 4, 4) of a file, and what it says of each (n,), if it does."""
+    poses = _array(file, _TRANSFORMS, path)
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or len(poses) > _MAX_GRASPS:
+        raise ValueError(
+            f"{path.name}: {_TRANSFORMS} has shape {poses.shape}, expected (n, 4, 4), n at "
+            f"most {_MAX_GRASPS:,}"
+        )
+    turns = poses[:, :3, :3]
+    rigid = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0) < _RIGID
+    if not (np.isfinite(poses).all() and rigid and (np.linalg.det(turns) > 0).all()):
+        raise ValueError(f"{path.name}: {_TRANSFORMS} are not all rigid transforms")
+    stored = next((_array(file, key, path) for key in (_CONFIDENCE, _SUCCESS) if key in file), None)
+    if stored is not None and stored.shape != (len(poses),):
+        raise ValueError(f"{path.name}: {len(poses)} grasps, but {stored.shape} qualities")
+    return poses, stored
+
+
+def _text(file: h5py.File, key: str) -> str:
+    """Return a text of a file; "" where it has none."""
+    import h5py
+
+    entry = file.get(key)
+    value = entry[()] if isinstance(entry, h5py.Dataset) else ""
+    return value.decode("utf-8") if isinstance(value, bytes) else str(value)
+
+
+def _hand_from_tool(gripper: EndEffector) -> FloatArray:
     """Return where the tool is in a hand whose axes are the gripper's: along its approach."""
     pose = np.eye(4)
     if gripper.parent_from_gripper is not None:
@@ -168,10 +229,9 @@ def _hand_from_tool(gripper: ParallelGripper) -> FloatArray:
     return pose
 
 
-def _array(file: object, key: str, path: Path) -> FloatArray:
+def _array(file: h5py.File, key: str, path: Path) -> FloatArray:
     import h5py
 
-    assert isinstance(file, h5py.File)
     if key not in file or not isinstance(file[key], h5py.Dataset):
         raise ValueError(f"{path.name} holds no {key}: expected a file in ACRONYM's layout")
     # By what the file declares: a few bytes of it can stand for any number of values.

@@ -155,6 +155,7 @@ def plan_suction(
     cup: SuctionCup,
     surroundings: Surroundings | None = None,
     options: SpatialOptions | None = None,
+    given: FloatArray | None = None,
 ) -> Proposals:
     """Plan places on a mesh at which a cup takes it.
 
@@ -162,6 +163,8 @@ def plan_suction(
     ----------
     surroundings
         Support and neighbours in the mesh's frame; None = the object floats alone, and "up" is z.
+    given : (n, 4, 4) or None
+        Poses of the cup in that frame that are ranked instead of own ones.
 
     Returns
     -------
@@ -183,17 +186,21 @@ def plan_suction(
     load = load_to_plan_for(mesh, options.mass, around.support)
     if isinstance(load, Proposals):
         return load
-    return _plan(mesh, cup, around, options, load)
+    return _plan(mesh, cup, around, options, load, given)
 
 
 def _plan(
-    mesh: Mesh, cup: SuctionCup, around: Surroundings, options: SpatialOptions, load: ObjectLoad
-) -> Proposals:
+    mesh: Mesh, cup: SuctionCup, around: Surroundings, options: SpatialOptions, load: ObjectLoad,
+    given: FloatArray | None = None,
+) -> Proposals:  # fmt: skip
     """Return the proposals of :func:`plan_suction` for a load."""
     notes, mass, up = (*mesh.notes, *load.notes), load.mass, load.up
-    points, faces = mesh.sample(options.tries, np.random.default_rng(options.seed))
-    poses = _facing(points, mesh.normals[faces], up)
-    counts = {"tried": options.tries}
+    if given is None:
+        points, faces = mesh.sample(options.tries, np.random.default_rng(options.seed))
+        poses = _facing(points, mesh.normals[faces], up)
+    else:
+        poses = given
+    counts = {"tried": len(poses)}
     tight = sealed(mesh, cup, poses)
     counts["lip does not seal"] = int((~tight).sum())
     poses = poses[tight]

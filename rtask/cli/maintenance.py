@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from rtask.knowledge_base import KnowledgeBase
 
 _FILES = ("store", "journal")
+_READ = "words"
+"""Is read from pictures, by an extra: not part of "all"."""
 _PARTS = ("union", "catalogue", "inferred", "index", "statistics", "recognition", "models", "blobs")
 
 
@@ -191,7 +193,7 @@ def _contradictions(kb: KnowledgeBase) -> list[Violation]:
 
 
 @click.command()
-@click.argument("what", type=click.Choice([*_PARTS, *_FILES, "all"]), default="inferred")
+@click.argument("what", type=click.Choice([*_PARTS, _READ, *_FILES, "all"]), default="inferred")
 @data_option
 @json_option
 def rebuild(what: str, data: Path, as_json: bool) -> None:
@@ -199,7 +201,8 @@ def rebuild(what: str, data: Path, as_json: bool) -> None:
 
     "union" and "catalogue" of graphs, the "inferred" graph, the "index" of texts and places, the
     "statistics" of grasps, the "recognition" index, the "models" of objects. "blobs" deletes bytes
-    that no statement has named for a day.
+    that no statement has named for a day. "words" reads the print on stored views that were not
+    read yet, with the extra 'words'; it is not part of "all".
 
     After damage, on a folder that no process has open: "store" rebuilds the quads from a complete
     journal; "journal" starts a new journal in place of a lost one. What is replaced is set aside.
@@ -231,7 +234,7 @@ def _rebuild(kb: KnowledgeBase, part: str, working: Working) -> str:
         return f"+{done.added} -{done.removed}"
     if part == "blobs":
         return f"{kb.collect_blobs()} deleted"
-    if part in ("statistics", "recognition", "models"):
+    if part in ("statistics", "recognition", "models", _READ):
         return _rebuild_by_engine(kb, part, working)
     findings = kb.verify(repair=True, parts=(part,))
     return "; ".join(finding.detail for finding in findings) or "nothing to repair"
@@ -239,9 +242,12 @@ def _rebuild(kb: KnowledgeBase, part: str, working: Working) -> str:
 
 def _rebuild_by_engine(kb: KnowledgeBase, part: str, working: Working) -> str:
     from rtask.engine import Engine
+    from rtask.engine.networks.printed_words import default_reader
 
-    engine = Engine(kb)
+    engine = Engine(kb, reader=default_reader() if part == _READ else None)
     try:
+        if part == _READ:
+            return _counted_words(*engine.read_words(working.tell))
         if part == "recognition":
             return f"{engine.rebuild_index(working.tell)} views"
         if part == "models":
@@ -250,6 +256,12 @@ def _rebuild_by_engine(kb: KnowledgeBase, part: str, working: Working) -> str:
         return f"+{done.added} -{done.removed}"
     finally:
         engine.close()
+
+
+def _counted_words(views: int, words: int, left: int) -> str:
+    """Return how many views were read, and which could not be."""
+    unread = f"; {left} views have no picture that can be read" if left else ""
+    return f"{words} on {views} views{unread}"
 
 
 @click.command()

@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 
 import click
 
-from rtask.cli.connection import connection, open_graph, open_to_read
+from rtask.cli.connection import connection, open_graph, open_to_read, read_address
 from rtask.cli.options import (
     agent_option,
     announce_undo,
@@ -87,6 +87,7 @@ def list_(data: Path, server: str | None, limit: int | None, as_json: bool) -> N
 def show(name: str, data: Path, server: str | None, limit: int | None, as_json: bool) -> None:
     """Show what is stored about the object NAME; an IRI may be one that it had before a merge."""
     from rtask.engine.curation.merging import present_name
+    from rtask.engine.networks.printed_words import words_of_objects
     from rtask.engine.stored import stored_models
     from rtask.errors import UnknownTermError
     from rtask.rdf.namespaces import RT
@@ -98,11 +99,13 @@ def show(name: str, data: Path, server: str | None, limit: int | None, as_json: 
         if not kb.match(object_iri, RT.objectId):
             raise UnknownTermError(no_object(lambda text: kb.select(text).to_dicts(), object_iri))
         models = stored_models(kb, object_iri)
+        by_view = words_of_objects(kb, [object_iri.value])
         shown = {
             "object": object_iri.value,
             "names": sorted({str(python_value(q.object)) for q in kb.match(object_iri, RT.name)}),
             "views": sorted(str(q.object)[1:-1] for q in kb.match(object_iri, RT.hasView)),
             "grasps": sorted(str(q.object)[1:-1] for q in kb.match(object_iri, RT.hasGrasp)),
+            "words": sorted({f'"{word.text}"' for words in by_view.values() for word in words}),
             "model": models[0].blob if models else None,
             "views_in_model": len(models[0].views) if models else 0,
             "formerly": sorted(
@@ -279,6 +282,58 @@ def forget(
 def undo(commit: str, data: Path, server: str | None, agent: str | None, as_json: bool) -> None:
     """Undo a merge, a split or a deletion, named by its COMMIT."""
     _curate((data, server), as_json, operation="undo", commit=commit, operator=agent)
+
+
+@objects.command()
+@click.argument("name")
+@click.option(
+    "--out",
+    "target",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also write the surface to this PLY file.",
+)
+@click.option("--again", is_flag=True, help="Reconstruct it even if no view came since.")
+@data_option
+@server_option
+@json_option
+def mesh(
+    name: str, target: Path | None, again: bool, data: Path, server: str | None, as_json: bool
+) -> None:
+    """Reconstruct the surface of the object NAME from its views, and say how good it is.
+
+    The surface is closed. What no view showed is filled in, and counts as not seen.
+    """
+    with connection(data, server) as client:
+        object_iri = resolve_object(client.query, name)
+        done = client.call("reconstruct_mesh", object=object_iri, again=again)
+    if target is not None:
+        target.write_bytes(_mesh_bytes(done["object"], data, server))
+    if as_json:
+        print_json(done)
+        return
+    click.echo(
+        f"{done['mesh']}: {done['seen_share']:.0%} of it seen in {done['views']} views, "
+        f"{'closed' if done['watertight'] else 'not closed'}; measured points lie "
+        f"{done['median_residual'] * 1000:.1f} mm off it, 90 % of them within "
+        f"{done['residual_90'] * 1000:.1f} mm"
+    )
+    if done["commit"]:
+        announce_undo("undo", done["commit"])
+    else:
+        click.echo("known already: no view has come since; --again reconstructs it", err=True)
+
+
+def _mesh_bytes(object_iri: str, data: Path, server: str | None) -> bytes:
+    """Return the PLY file of an object's surface."""
+    from rtask.rdf.terms import iri
+    from rtask.world.surfaces import stored_mesh
+
+    if server:
+        return read_address(server, "/object/mesh.ply", {"iri": object_iri})
+    with open_to_read(data) as kb:
+        stored = stored_mesh(kb, iri(object_iri))
+        assert stored is not None
+        return kb.blobs.read(stored.blob)
 
 
 def _curate(where: tuple[Path, str | None], as_json: bool, /, **request: Any) -> None:

@@ -21,6 +21,8 @@ __all__ = [
     "ComparedContributors",
     "Contributor",
     "Curated",
+    "DrawnNode",
+    "DrawnScene",
     "EndEffector",
     "EndedStep",
     "FailureCause",
@@ -62,6 +64,7 @@ __all__ = [
     "RecalledGrasp",
     "RecalledGrasps",
     "Recognition",
+    "ReconstructedMesh",
     "RegisteredRobot",
     "ReportedOutcome",
     "ReportedRefusal",
@@ -100,6 +103,7 @@ REPEATABLE = frozenset(
         "state_place",
         "report_sightings",
         "trace_thing",
+        "show_world",
         "locate_frame",
         "state_frame",
         "plan_goal",
@@ -665,6 +669,23 @@ class SceneGrasps(TypedDict):
     grasps: list[SceneGrasp]
 
 
+class ReconstructedMesh(TypedDict):
+    """A closed surface, how well it fits, and how much of it was seen. ``commit`` is empty if it
+    was there already. The bytes ``blob`` are a PLY file, m, in the object's frame, whose
+    vertices say by ``seen`` whether they were measured or filled in.
+    """
+
+    object: str
+    mesh: str
+    blob: str
+    views: int
+    seen_share: float
+    median_residual: float
+    residual_90: float
+    watertight: bool
+    commit: str
+
+
 class SimilarObjects(TypedDict):
     """Similar known objects, best first, or suggested kinds."""
 
@@ -677,6 +698,9 @@ class SimilarObjects(TypedDict):
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
     views_untried: NotRequired[int]
+    word_seen: NotRequired[str]
+    word_stored: NotRequired[str]
+    message: NotRequired[str]
 
 
 class OfferedObject(TypedDict):
@@ -805,6 +829,29 @@ class Traced(TypedDict):
     label: str
     places: list[PastPlace]
     places_left_out: int
+
+
+class DrawnNode(TypedDict):
+    """A frame, robot or thing."""
+
+    kind: str
+    node: str
+    label: str
+    pose: dict[str, Any]
+    size: list[float]
+    radius90: float | None
+    still_there: float
+
+
+class DrawnScene(TypedDict):
+    """What is where in one tree of frames, each after its parent."""
+
+    time: float
+    root: str
+    frame_id: str
+    nodes: list[DrawnNode]
+    nodes_left_out: int
+    unplaced: list[str]
 
 
 class LocatedFrame(TypedDict):
@@ -1186,6 +1233,9 @@ class Taught(TypedDict):
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
     views_untried: NotRequired[int]
+    word_seen: NotRequired[str]
+    word_stored: NotRequired[str]
+    message: NotRequired[str]
     stored: NotRequired[int]
     commit: NotRequired[str]
     objects: NotRequired[list[InsertedObject]]
@@ -1492,6 +1542,24 @@ class Calls(ABC):
         answer: SceneGrasps = self._operate("plan_on_scene", locals())
         return answer
 
+    def reconstruct_mesh(
+        self,
+        *,
+        object: str,
+        again: bool | None = None,
+    ) -> ReconstructedMesh:
+        """Reconstruct the surface of a known object from its views.
+
+        Parameters
+        ----------
+        object
+            IRI, objectId or name of the object
+        again
+            reconstruct it even if there is one that was made from the present model; default: False
+        """
+        answer: ReconstructedMesh = self._operate("reconstruct_mesh", locals())
+        return answer
+
     def search_object(
         self,
         *,
@@ -1689,6 +1757,27 @@ class Calls(ABC):
             how many of the latest places are listed; default: 100
         """
         answer: Traced = self._operate("trace_thing", locals())
+        return answer
+
+    def show_world(
+        self,
+        *,
+        stamp: float | Mapping[str, int] | None = None,
+        frame: str | None = None,
+        max_nodes: int | None = None,
+    ) -> DrawnScene:
+        """List what is where at a time: frames, robots and things with poses.
+
+        Parameters
+        ----------
+        stamp
+            time that is asked about; default: now (s)
+        frame
+            any frame of the tree: its name in tf, robot/name or its IRI; default: the fullest tree
+        max_nodes
+            how many frames, robots and things are answered; default: 2000
+        """
+        answer: DrawnScene = self._operate("show_world", locals())
         return answer
 
     def locate_frame(

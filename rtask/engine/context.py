@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from rtask.engine.decision_log import FILE, DecisionLog
-from rtask.engine.embeddings import Embeddings
 from rtask.engine.grippers import GripperCatalogue
 from rtask.engine.honesty import HonestyCatalogue
 from rtask.engine.names import Names
+from rtask.engine.networks.embeddings import Embeddings
+from rtask.engine.networks.printed_words import PrintedWords
 from rtask.engine.observation import Observation
 from rtask.engine.policy import Policy
 from rtask.engine.population import PopulationCatalogue
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     import datetime as dt
     from collections.abc import Callable, Mapping
 
+    from features.words.word import WordReader
     from rtask.kb.commit.commit import Change, Commit
     from rtask.kb.core import GraphCore
 
@@ -59,8 +61,8 @@ class Context:
         ONNX file of a network that proposes objects; None = none.
     policy
         Thresholds and weights.
-    embedder
-        ONNX file of a network whose vectors propose objects; None = none.
+    reader
+        Program that reads the words on views; None = they are not read.
 
     Attributes
     ----------
@@ -74,6 +76,8 @@ class Context:
         Codes of the outcome reasons of the ontology.
     views
         Index of stored views for recognition.
+    words
+        Words on views; None where they are not read.
     models
         Decoded models of objects.
     world
@@ -96,6 +100,7 @@ class Context:
         index_folder: Path | None,
         policy: Policy,
         embedder: Path | None = None,
+        reader: WordReader | None = None,
     ) -> None:
         self.kb = kb
         self.policy = policy
@@ -118,6 +123,7 @@ class Context:
         self.refusals: Recent[tuple[NamedNode, dt.datetime]] = Recent(_DECISIONS)
         embeddings = None if embedder is None else Embeddings(kb, embedder, self.writing)
         self.views = ViewIndex(kb, index_folder, self.writing, embeddings)
+        self.words = None if reader is None else PrintedWords(kb, reader)
         self._learning: Upkeep | None = None
         self._stop_listening = kb.on_commit(self._on_commit)
         self.views.sync()

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from rtask.engine.context import Context
 from rtask.engine.memory.statistics import rebuild
+from rtask.engine.networks.printed_words import reader_by_environment
 from rtask.engine.operations.operation import Operation
 from rtask.engine.operations.table import OPERATIONS
 from rtask.engine.perception.growth import rebuild_models
+from rtask.engine.perception.reading import read_stored_views
 from rtask.engine.policy import Policy
 from rtask.errors import UnknownTermError, UnsupportedError, nearest
 from rtask.extras import naming_extras
@@ -23,6 +25,7 @@ from rtask.wire.message import Answer
 
 if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex
+    from features.words.word import WordReader
     from rtask.engine.grippers import GripperCatalogue
     from rtask.engine.names import Names
     from rtask.engine.stored import Models
@@ -74,6 +77,9 @@ class Engine:
     embedder
         ONNX file of a network whose vectors propose objects where print is missing; default: the
         environment variable RTASK_EMBEDDER, else none.
+    reader
+        Program that reads the words on views; default: that of the extra ``words`` where the
+        environment variable RTASK_WORDS is 1, else none.
 
     Attributes
     ----------
@@ -99,6 +105,7 @@ class Engine:
         index_dir: Path | str | None = None,
         policy: Policy | None = None,
         embedder: Path | str | None = None,
+        reader: WordReader | None = None,
     ) -> None:
         if kb.plain:
             raise UnsupportedError("a plain knowledge base has no ontology for the engine")
@@ -108,7 +115,7 @@ class Engine:
         network = embedder or os.environ.get("RTASK_EMBEDDER")
         self.context = Context(
             kb, None if folder is None else Path(folder), policy or Policy(),
-            Path(network) if network else None,
+            Path(network) if network else None, reader or reader_by_environment(),
         )  # fmt: skip
         self._listeners: list[Callable[[Call], None]] = []
         self._numbers = itertools.count(1)
@@ -249,6 +256,21 @@ class Engine:
             Called with how many objects are done and how many there are.
         """
         return rebuild_models(self.context, progress)[1]
+
+    def read_words(self, progress: Progress | None = None) -> tuple[int, int, int]:
+        """Read the words on stored views that nobody has read.
+
+        Returns
+        -------
+        int, int, int
+            Views read, words on them, and views whose picture cannot be read.
+
+        Raises
+        ------
+        UsageError
+            There is no reader.
+        """
+        return read_stored_views(self.context, progress)
 
     def close(self) -> None:
         """Close the index; the knowledge base stays open."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex
     from features.recognition.recogniser import Recogniser
     from features.recognition.views.view import ViewFeatures
-    from rtask.engine.embeddings import Embeddings
+    from rtask.engine.networks.embeddings import Embeddings
     from rtask.kb.core import GraphCore
 
 __all__ = ["ViewIndex"]

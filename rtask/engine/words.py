@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-__all__ = ["PHASES", "REASONS", "likeness_words", "phase_words", "reason_words"]
+__all__ = [
+    "PHASES", "REASONS", "contradiction_words", "likeness_words", "phase_words", "reason_words",
+]  # fmt: skip
 
 PHASES = {  # in the order of time; robots may store others
     "pre_grasp": "before the grasp",
@@ -71,6 +73,18 @@ def phase_words(phase: str) -> str:
     ('put down', 'half way', 'as it was seen')
     """
     return "as it was seen" if phase == "view" else PHASES.get(phase, phase.replace("_", " "))
+
+
+def contradiction_words(seen: str, stored: str, name: str) -> str:
+    """Say which printed word tells a view from an object; both words are quoted, as untrusted text.
+
+    Examples
+    --------
+    >>> contradiction_words("NATURELL", "VANILJ", "vanilla")
+    'says "NATURELL" where vanilla says "VANILJ"'
+    """
+    here, there = (text.replace('"', "'") for text in (seen, stored))
+    return f'says "{here}" where {name} says "{there}"'
 
 
 def likeness_words(inliers: int, appearance: float, size_ok: bool | None) -> str:

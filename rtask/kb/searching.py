@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterator, Sequence
+from dataclasses import replace
 
 from rtask.kb.base import GraphBase
 from rtask.kb.search.places import Place
 from rtask.kb.search.text import TextHit
+from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import RDF_TYPE, NamedNode, iri
 from rtask.sparql.service import with_text_matches
 
@@ -27,6 +29,8 @@ class Searching(GraphBase):
         among: Container[str] | None = None,
     ) -> list[TextHit]:
         """Return hits whose name, label, comment or description contains all words, best first.
+
+        A line of print that was read on views of an object is a text of that object.
 
         Parameters
         ----------
@@ -50,7 +54,7 @@ class Searching(GraphBase):
             hits = self.texts.search(db, text, lang)
             fitting = (
                 hit
-                for hit in hits
+                for hit in itertools.chain.from_iterable(map(self._described, hits))
                 if hit.subject not in best
                 and (among is None or hit.subject.value in among)
                 and self._is_a(hit.subject, class_iri)
@@ -60,6 +64,22 @@ class Searching(GraphBase):
                 if len(best) >= limit:
                     break
         return list(best.values())
+
+    def _described(self, hit: TextHit) -> Iterator[TextHit]:
+        """Yield a hit; of a word that was read on views, one for each object that they show."""
+        if hit.predicate != RT.wordText:
+            yield hit
+            return
+        nodes = {hit.subject}
+        for predicate in (RT.hasWord, RT.viewContent, RT.hasView):
+            nodes = {
+                quad.subject
+                for node in nodes
+                for quad in self.store.quads_for_pattern(None, predicate, node, None)
+                if isinstance(quad.subject, NamedNode) and quad.graph_name != self.graphs.quarantine
+            }
+        for node in sorted(nodes, key=str):
+            yield replace(hit, subject=node)
 
     def _is_a(self, subject: NamedNode, cls: NamedNode | None) -> bool:
         if cls is None:

@@ -29,10 +29,10 @@ _NEEDED = (
     "visualization_msgs.msg",
 )
 _ABOUT = """Offer the operations of a server in ROS 2, until Ctrl-C: services rtask/<operation> and
-rtask/segment, the action rtask/see, topics rtask/grasps, rtask/objects, rtask/planning_scene and
-rtask/changes. Views come on ~/points, or on ~/depth with ~/image and ~/camera_info. Arguments of
-ROS follow --ros-args: -r __ns:=/robot, -r '~/points:=/camera/depth_registered/points',
--p table_height:=0.7."""
+rtask/segment, the action rtask/see, topics rtask/grasps, rtask/objects, rtask/world,
+rtask/planning_scene and rtask/changes. Views come on ~/points, or on ~/depth with ~/image and
+~/camera_info. Arguments of ROS follow --ros-args: -r __ns:=/robot,
+-r '~/points:=/camera/depth_registered/points', -p table_height:=0.7."""
 
 
 def main() -> int:

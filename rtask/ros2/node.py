@@ -16,6 +16,7 @@ from rtask.interop.ros.convert import fill, make_message
 from rtask.interop.ros.looking import SeeOptions
 from rtask.interop.ros.operations import OperationHandler, best_grasp
 from rtask.interop.ros.schema import REFUSED
+from rtask.interop.ros.world_markers import WORLD_TOPIC, WorldDisplay
 from rtask.ros2.body import RobotBody
 from rtask.ros2.camera import CameraTopics
 from rtask.ros2.contract import Contract
@@ -289,6 +290,15 @@ class _Parts:
         self._changes = node.create_lifecycle_publisher(
             type(make_message("rtask_msgs/Change")), "rtask/changes", events(100)
         )
+        self._markers = node.create_lifecycle_publisher(
+            type(make_message("visualization_msgs/MarkerArray")), WORLD_TOPIC, latched()
+        )
+        self._world = WorldDisplay(
+            lambda: self.client.call("show_world"),
+            self._markers.publish,
+            lambda: self._is_active() and self._markers.get_subscription_count() > 0,
+            make_message,
+        )
         schema = owner.contract.schema
         self._handler = OperationHandler(schema, self.client, make_message, self._heard)
         self._services = [
@@ -345,7 +355,7 @@ class _Parts:
             node.destroy_service(service)
         for subscription in self._subscriptions:
             node.destroy_subscription(subscription)
-        for publisher in (self._grasps, self._changes, *self._see.publishers):
+        for publisher in (self._grasps, self._changes, self._markers, *self._see.publishers):
             node.destroy_lifecycle_publisher(publisher)
         self.client.close()
 
@@ -402,6 +412,8 @@ class _Parts:
             self.client.unsubscribe(_CHANGES)
         self._follows = is_heard
         self._ticks += 1
+        if self._ticks % _DELIVER_TICKS == 0:
+            self._world.refresh()
         if self._ticks % _DELIVER_TICKS == 0 and self.client.waiting:
             try:
                 self.client.deliver()

@@ -144,7 +144,8 @@ class TaskPlan:
     sparql
         For each of these, the query for what it is about.
     steps
-        In order; empty if nothing is to be done, or there is no plan.
+        In order; empty if nothing is to be done, or there is no plan. Where some goals are out of
+        reach, those that reach the others.
     refusals
         Goals that are out of reach.
     assumptions
@@ -196,6 +197,8 @@ class TaskPlan:
             lines.append("No order of steps reaches all goals, though each could be reached alone.")
         if self.is_complete and not self.steps:
             lines.append("Nothing to do: the goal holds already.")
+        if self.refusals and self.steps:
+            lines.append("Without that, the rest can be done:")
         for step in self.steps:
             held = f"held {step.successes} of {step.attempts}" if step.attempts else "untried"
             lines.append(

@@ -89,8 +89,15 @@ def plan_goal(
     problem = _chosen(task, problem)
     if any(target.aim.number is not None for target in task.targets):
         obstacles = explain_unsolvable(problem, task.mendable, require_time)
-    steps = None if obstacles else _search(problem, max_states, require_time)
+    possible = _without(problem, obstacles)
+    steps = _search(possible, max_states, require_time) if possible.goals else None
     return _result(select, given, task, problem, obstacles, steps, assumed)
+
+
+def _without(problem: Problem, obstacles: Sequence[Obstacle]) -> Problem:
+    """Return a problem without the goals that are out of reach."""
+    refused = {obstacle.goal for obstacle in obstacles}
+    return replace(problem, goals=tuple(goal for goal in problem.goals if goal not in refused))
 
 
 def _search(
@@ -221,7 +228,7 @@ def _result(
         refusals=tuple(refusals),
         assumptions=tuple(wording.atom(atom) for atom in assumed) if steps is not None else (),
         names=_mentioned(names, problem, steps or (), refusals),
-        is_complete=steps is not None,
+        is_complete=steps is not None and not obstacles,
         domain=pddl.domain,
         problem=pddl.problem,
     )

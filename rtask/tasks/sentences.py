@@ -9,9 +9,15 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from rtask.asking.questions.mentions import MAX_MENTIONS, Mention, find_mentions, tokens_of
+from rtask.asking.questions.mentions import (
+    MAX_MENTIONS,
+    Mention,
+    find_mentions,
+    tokens_of,
+    with_called,
+)
 from rtask.asking.questions.words import stem
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES
@@ -116,7 +122,9 @@ def _parts(select: Select, text: str, base: str) -> Iterator[_Part]:
         tokens = tokens_of(sentence)
         if not tokens:
             continue
-        mentions = find_mentions(select, tokens, base, _ROLES, _KINDS)
+        mentions = _only_called(
+            select, with_called(select, tokens, find_mentions(select, tokens, base, _ROLES, _KINDS))
+        )
         if any(item.is_cut for item in mentions):
             raise UsageError(
                 f"{sentence.strip()!r} names more than {MAX_MENTIONS} things: give their kind, a "
@@ -134,11 +142,24 @@ def _parts(select: Select, text: str, base: str) -> Iterator[_Part]:
                 start = at + 1
 
 
+def _only_called(select: Select, mentions: Iterable[Mention]) -> list[Mention]:
+    """Return mentions without those things that are of the kind as well as called so."""
+    result = []
+    for item in mentions:
+        if item.called:
+            kinds, called = (" ".join(map(str, terms)) for terms in (item.terms, item.called))
+            rows = select(
+                f"SELECT ?s WHERE {{ VALUES ?s {{ {called} }} "
+                f"FILTER NOT EXISTS {{ VALUES ?kind {{ {kinds} }} ?s a ?kind }} }}"
+            )
+            strangers = tuple(term for row in rows if (term := row["s"]) is not None)
+            item = replace(item, called=strangers)
+        result.append(item)
+    return result
+
+
 def _moved(mention: Mention, by: int) -> Mention:
-    return Mention(
-        mention.start - by, mention.end - by, mention.text, mention.role, mention.terms,
-        mention.is_plural,
-    )  # fmt: skip
+    return replace(mention, start=mention.start - by, end=mention.end - by)
 
 
 def _is_familiar(word: str) -> bool:
@@ -181,7 +202,8 @@ def _aim(part: _Part, target: Mention | None, is_own: bool) -> Aim:
             subjects.append(f"from {place.text}")
         else:
             conditions.append(_subject(same, len(subjects)))
-            subjects.append(same[0].text)
+            called = sum(len(item.called) for item in same if item.role == "kind")
+            subjects.append(same[0].text + (f" (and {called} only called so)" if called else ""))
     conditions.append(_destination(target))
     conditions.append("FILTER NOT EXISTS { ?thing rt:mergedInto ?merged }")
     number, words = _number(part, spans)
@@ -193,7 +215,10 @@ def _aim(part: _Part, target: Mention | None, is_own: bool) -> Aim:
 
 
 def _subject(same: Sequence[Mention], number: int) -> str:
-    """Return the condition that things fit a name; where it can mean several, any of these."""
+    """Return the condition that things fit a name; where it can mean several, any of these.
+
+    A kind means what is called so as well, as in questions: nobody need have classified carton-6.
+    """
     ways = {
         "kind": "?thing rt:exemplarOf/a ?%s", "object": "?thing rt:exemplarOf ?%s",
         "thing": "FILTER(?thing = ?%s)", "use": "?thing rt:exemplarOf/rt:hasFunction ?%s",
@@ -203,6 +228,9 @@ def _subject(same: Sequence[Mention], number: int) -> str:
     if not fitting:
         raise UsageError(f"{same[0].text!r} is a {same[0].role}, and nothing that can be moved")
     parts = [f"{{ {_terms(name, item)} {ways[item.role] % name} }}" for item in fitting]
+    called = " ".join(str(term) for item in fitting if item.role == "kind" for term in item.called)
+    if called:
+        parts.append(f"{{ VALUES ?{name} {{ {called} }} ?thing rt:exemplarOf ?{name} }}")
     return " UNION ".join(parts)
 
 

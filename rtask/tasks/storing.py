@@ -86,6 +86,11 @@ def store_plan(
     ForbiddenError
         The agent may not write; nothing is stored.
     """
+    if plan.refusals:
+        raise UsageError(
+            f"only a plan for the whole goal can be stored; not possible: {plan.refusals[0].goal}. "
+            "Ask for the rest alone"
+        )
     if not plan.is_complete or not plan.steps:
         raise UsageError("only a plan that has steps can be stored")
     root = NamedNode(mint(kb.base, "TaskPlan"))

@@ -57,7 +57,11 @@ class World(WorldState):
         return related(self, question)
 
     def scene(
-        self, at: float | None = None, frame: str | None = None, max_grasps: int = DEFAULT_GRASPS
+        self,
+        at: float | None = None,
+        frame: str | None = None,
+        max_grasps: int = DEFAULT_GRASPS,
+        surfaces: bool = True,
     ) -> Scene:
         """Return what is where in one tree of frames, to be drawn or written for other programs.
 
@@ -69,6 +73,8 @@ class World(WorldState):
             Name or IRI of any frame of the tree; default: the tree in which most things are.
         max_grasps
             Grasps of a thing, those that held most often first.
+        surfaces
+            Whether to read the reconstructed surfaces of products, some 100 kB each.
 
         Raises
         ------
@@ -86,7 +92,7 @@ class World(WorldState):
         >>> scene.nodes, len(glb(scene)) > 0, usda(scene).startswith("#usda 1.0")
         ((), True, True)
         """
-        return read_scene(self, time.time() if at is None else at, frame, max_grasps)
+        return read_scene(self, time.time() if at is None else at, frame, max_grasps, surfaces)
 
 
 _worlds: weakref.WeakKeyDictionary[GraphCore, World] = weakref.WeakKeyDictionary()

@@ -23,7 +23,7 @@ from simulate.robots.description import Floats
 from simulate.world.camera import INTRINSICS
 from simulate.world.noise import SensorNoise
 
-__all__ = ["TABLE", "View", "correct", "depth_view", "sample_camera"]
+__all__ = ["TABLE", "View", "correct", "depth_frame", "depth_view", "sample_camera"]
 
 TABLE = np.array([0.0, 0.0, 1.0, 0.0])
 """Plane on which meshes stand: z = 0."""
@@ -61,13 +61,13 @@ def sample_camera(rng: np.random.Generator) -> Floats:
     )
 
 
-def depth_view(
+def depth_frame(
     mesh: Mesh,
     viewpoint: Floats,
     noise: SensorNoise | None = None,
     seed: int = 0,
-) -> View:
-    """Render a mesh on the table z = 0.
+) -> tuple[Frame, Floats]:
+    """Render a mesh on the table z = 0 as a frame around the mesh.
 
     Parameters
     ----------
@@ -77,6 +77,12 @@ def depth_view(
         None = exact depth.
     seed
         Of the noise.
+
+    Returns
+    -------
+    Frame
+        Its mask has the pixels whose lines meet the mesh before the table.
+    world_from_camera : (4, 4), m
     """
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     world_from_camera = look_at(viewpoint, middle)
@@ -107,9 +113,21 @@ def depth_view(
     table = np.where(down, -viewpoint[2] / np.where(down, lines[:, 2], -1.0), np.inf)
     depth = np.minimum(distance, table) / scale
     depth = np.where(np.isfinite(depth) & (depth < 5.0), depth, 0.0).reshape(rows.shape)
-    frame = Frame(depth.astype(np.float32), camera, x0=x0, y0=y0)
+    mask = (np.isfinite(distance) & (distance < table)).reshape(rows.shape)
+    frame = Frame(depth.astype(np.float32), camera, x0=x0, y0=y0, mask=mask)
     if noise is not None:
         frame = noise.apply(frame, np.random.default_rng(seed))
+    return frame, world_from_camera
+
+
+def depth_view(
+    mesh: Mesh,
+    viewpoint: Floats,
+    noise: SensorNoise | None = None,
+    seed: int = 0,
+) -> View:
+    """Return the points that a camera sees of a mesh on the table z = 0, as :func:`depth_frame`."""
+    frame, world_from_camera = depth_frame(mesh, viewpoint, noise, seed)
     points = frame.points().reshape(-1, 3)
     points = transform(world_from_camera, points[np.isfinite(points).all(axis=1)].astype(float))
     low, high = mesh.vertices.min(axis=0) - _TABLE_EDGE_M, mesh.vertices.max(axis=0) + _TABLE_EDGE_M

@@ -15,15 +15,19 @@ import pytest
 import endpoint.pages.drawn as drawn
 import ontology
 import rtask
+from features.modelling import mesh_to_ply
 from tests.browser.pages import EACH_LOOK, LOOKS, SIZES, fits, keep_picture, open_page
 from tests.servers import RunningServer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 HOSTILE = '"><img src=x onerror="document.title=1">'
-PREFIXES = " ".join(f"PREFIX {name}: <{ontology.PREFIXES[name]}>" for name in ("rt", "cora"))
+PREFIXES = " ".join(
+    f"PREFIX {name}: <{ontology.PREFIXES[name]}>" for name in ("rt", "cora", "prov")
+)
 TWICE_HELD = "urn:lab/object/3"
 OBJECT = "urn:lab/object/1"
+SURFACED = "urn:lab/object/4"
 POINTS = 3_000
 
 
@@ -59,6 +63,14 @@ def _grasp(number: int, theta: float, attempts: str, owner: str = OBJECT) -> str
       rt:theta {theta}e0 . {outcomes}"""
 
 
+def _surface() -> bytes:
+    """Return a tetrahedron one of whose corners was not seen."""
+    corners = 0.05 * np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1.0)])
+    faces = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
+    colours = np.full((4, 3), (200, 60, 30), np.uint8)
+    return mesh_to_ply(corners, faces, colours, np.array([False, True, True, True]))
+
+
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
     folder: Path = tmp_path_factory.mktemp("clouds") / "store"
@@ -78,6 +90,12 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
           <urn:lab/robot/1> a cora:Robot . {grasps}
           <{TWICE_HELD}> a rt:Box ; rt:objectId "lab/3" ; rt:hasView <urn:lab/view/1> .
           <urn:lab/object/2> a rt:Box ; rt:objectId "lab/2" . }}""")
+        surface = tx.blob(_surface(), "model/ply").value
+        tx.update(f"""{PREFIXES} INSERT DATA {{
+          <{SURFACED}> a rt:Box ; rt:objectId "lab/4" ; rt:hasFeature <urn:lab/mesh/1> .
+          <urn:lab/mesh/1> a rt:TriangleMesh ; rt:hasBlob <{surface}> ; rt:seenShare 0.25e0 ;
+            rt:medianResidual 0.001e0 ; rt:residual90 0.002e0 ; rt:isWatertight true ;
+            rt:reconstructionMethod "by hand" ; prov:wasDerivedFrom <urn:lab/view/1> . }}""")
         tx.add(OBJECT, ontology.NS + "name", HOSTILE)
     with running_server(folder) as running:
         yield running
@@ -94,6 +112,18 @@ def _drawn_once(page: Any) -> Any:
 
 def _times_drawn(place: Any) -> int:
     return int(place.get_attribute("data-drawn"))
+
+
+@pytest.mark.skipif(not drawn.has_viewer(), reason="the 3D library needs npm at set-up")
+def test_a_surface_is_drawn_and_says_that_grey_was_not_seen(
+    browser_3d: Any, server: RunningServer
+) -> None:
+    with open_page(browser_3d, server.url) as page:
+        page.goto(_address(server, SURFACED))
+        page.get_by_text("4 triangles; grey: filled in, nobody saw it").wait_for()
+        source = page.get_by_label("Cloud")
+        assert source.locator("option").first.inner_text() == "surface of former views, 25% seen"
+        assert fits(page)
 
 
 @pytest.mark.skipif(not drawn.has_viewer(), reason="the 3D library needs npm at set-up")

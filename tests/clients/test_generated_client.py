@@ -132,6 +132,7 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
     )
     assert call("where_is", {"name": thing}).to_dict()["known"]
     call("plan_in_space", {"object": thing, "gripper_id": "right_hand"})
+    assert call("reconstruct_mesh", {"object": thing}).to_dict()["seen_share"] < 1
     scene = {name: SIGHT[name] for name in ("sensor_pose", "frame_id")}
     call("plan_on_scene", {"data": view, **scene, "gripper_id": "right_hand"})
     judged = {"task_id": told["task_id"], "verdict": "confirm", "operator": "ann"}
@@ -159,6 +160,7 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
     seen = [{"object": "urn:lab/object/1", "pose": pose}]
     (seen_thing,) = call("report_sightings", {"frame": "table", "seen": seen}).to_dict()["things"]
     assert call("trace_thing", {"name": seen_thing}).to_dict()["places"]
+    assert call("show_world", {}).to_dict()["frame_id"]
     assert call("locate_frame", {"frame": "table", "target": "map"}).to_dict()["known"]
     call("end_step", {"robot": "urn:lab/robot/panda-1", "task": step["task"], "result": "done"})
     assert call("explain_failure", {"subject": stored}).to_dict()["text"]

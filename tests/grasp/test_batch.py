@@ -228,6 +228,27 @@ def test_the_command_plans_on_a_server_as_here_and_names_what_failed(files, serv
     assert run(files[0])[0] == 0
 
 
+@pytest.mark.parametrize("hand", ["suction:0.01", "three:0.1"])
+def test_cups_and_three_fingers_plan_in_batches_and_read_their_own_files(
+    hand, files, server, tmp_path
+):
+    words = (*files[:2], "--gripper", hand, "--limit", "3")
+    code, here = run(*words, "--save-grasps", str(tmp_path / "out"))
+    there = run(*words, "--executor", "server", "--server", server.url)[1]
+    assert (code, here["objects"]) == (0, there["objects"])
+    stored = str(tmp_path / "out" / "box.h5")
+    again = ["grasp", "space", files[0], "--samples", "10", "--grasps", stored, "--json"]
+    done = CliRunner().invoke(cli, [*again, "--gripper", hand])
+    found = json.loads(done.stdout)["grasps"]
+    assert found
+    assert {round(one["confidence"], 9) for one in found} <= {
+        round(one["confidence"], 9) for one in here["objects"][0]["grasps"]
+    }
+    refused = CliRunner().invoke(cli, again)
+    assert refused.exit_code != 0
+    assert "and panda_hand holds by jaws" in refused.output + str(refused.exception)
+
+
 def test_the_command_ends_at_its_deadline_and_says_what_is_not_planned(files, shares):
     code, found = run(*files, "--deadline", "0.001")
     assert shares == [(1, 4)]

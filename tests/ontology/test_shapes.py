@@ -113,6 +113,12 @@ ASKED = (
     ":q a rt:Question ; rt:asksAbout :t1 ; prov:wasAttributedTo :nao1 ; "
     'rt:answerableUntil "2026-01-01T10:00:00Z"^^xsd:dateTime ; rt:hasAnswerChoice :c1, :c2'
 )
+LEGIBLE = (
+    "rt:readingScore 0.9e0 ; rt:wordU 4.0e0 ; rt:wordV 4.0e0 ; rt:wordLength 9.0e0 ; "
+    "rt:wordHeight 3.0e0 ; rt:wordAngle 0.0e0"
+)
+WORD = ":w a rt:PrintedWord ; "
+
 FAULTS = [
     ("q", "Question", add(ASKED + ' ; rt:questionText "well?"')),
     ("q", "Question", add(ASKED + " ; rt:choiceOtherwise :c1")),
@@ -155,6 +161,16 @@ FAULTS = [
     ("mugCloud", "Bytes", drop(":mugCloud rt:hasBlob")),
     ("i", "Bytes", add(":i a rt:Image2D")),
     ("i", "Bytes", add(":i a rt:TriangleMesh")),
+    ("i", "ReconstructedMesh", add(":i a rt:TriangleMesh ; rt:seenShare 0.5e0")),
+    (
+        "i",
+        "ReconstructedMesh",
+        add(
+            ":i a rt:TriangleMesh ; rt:seenShare 1.5e0 ; rt:medianResidual 0.001e0 ; "
+            'rt:residual90 0.002e0 ; rt:isWatertight true ; rt:reconstructionMethod "m" ; '
+            "prov:wasDerivedFrom :m"
+        ),
+    ),
     ("v1", "View", drop(":v1 rt:viewOf")),
     ("v1", "View", drop(":v1 rt:viewContent")),
     ("r1", "RecognitionResult", drop(":r1 rt:recognitionConfidence")),
@@ -320,6 +336,13 @@ FAULTS = [
         add(":b a rt:BSplineModel ; rt:degree 3 ; rt:controlPointCount 3"),
     ),
     ("b", "BSplineModel", add(":b a rt:BSplineModel ; rt:degree 3")),
+    ("t", "TextReading", add(":t a rt:TextReading")),
+    ("w", "PrintedWord", add(WORD + LEGIBLE)),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "a\\nb" ; {LEGIBLE}')),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "a\\u202Eb" ; {LEGIBLE}')),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "{81 * "a"}" ; {LEGIBLE}')),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "a" ; {LEGIBLE.replace("0.9e0", "1.9e0")}')),
+    ("w", "PrintedWord", add(f'{WORD} rt:wordText "a" ; {LEGIBLE.replace("3.0e0", "0.0e0")}')),
     ("y", "Symmetry", add(":y a rt:Symmetry ; rt:symmetryOrder 4")),
     ("f1", "PhysicsFeedback", drop(":f1 rt:verdict")),
     ("f1", "PhysicsFeedback", add(":f1 rt:holdTime -1.0e0")),

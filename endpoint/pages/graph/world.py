@@ -49,7 +49,7 @@ def world() -> Model:
     shown = world_of(embedded_graph())
     try:
         asked = _asked()
-        scene = shown.scene(asked.time_s, asked.frame or None, _DRAWN_GRASPS)
+        scene = shown.scene(asked.time_s, asked.frame or None, _DRAWN_GRASPS, surfaces=False)
     except RtaskError as error:
         return {**model, "problem": str(error)}
     span = shown.index.moments(asked.time_s)

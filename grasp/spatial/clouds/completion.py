@@ -20,7 +20,13 @@ from grasp.arrays import FloatArray
 from grasp.spatial.clouds.cloud import SurfaceCloud
 from grasp.spatial.clouds.neighbours import within
 
-__all__ = ["Symmetry", "complete_by_symmetry", "find_symmetry"]
+__all__ = [
+    "Symmetry",
+    "SymmetryGuesses",
+    "compare_symmetries",
+    "complete_by_symmetry",
+    "find_symmetry",
+]
 
 
 _PLANES = 11
@@ -63,7 +69,36 @@ class Symmetry:
         return points @ self.linear.T + self.offset
 
 
-def complete_by_symmetry(cloud: SurfaceCloud) -> SurfaceCloud:
+@dataclass(frozen=True, eq=False)
+class SymmetryGuesses:
+    """Mirrors and half turns of an object, compared with what was seen of it.
+
+    Parameters
+    ----------
+    options
+        Of which each may be right.
+    against : (n,), m
+        How far completed points lie in space that was seen empty, mean.
+    order : (n,), m
+        The same and a little for the size of the object: the likelier, the smaller it is.
+    """
+
+    options: list[Symmetry]
+    against: FloatArray
+    order: FloatArray
+
+    @property
+    def best(self) -> Symmetry | None:
+        """The one that the view contradicts least, if it is plausible."""
+        best = int(np.argmin(self.order))
+        if self.against[best] > _PLAUSIBLE_M:
+            return None
+        return replace(self.options[best], contradiction=float(self.against[best]))
+
+
+def complete_by_symmetry(
+    cloud: SurfaceCloud, guesses: SymmetryGuesses | None = None
+) -> SurfaceCloud:
     """Return the cloud with the hidden side added, its points marked as completed.
 
     Walls fall from the visible surface's edge to the table besides.
@@ -72,6 +107,8 @@ def complete_by_symmetry(cloud: SurfaceCloud) -> SurfaceCloud:
     ----------
     cloud
         Of one object, with one viewpoint or more.
+    guesses
+        What :func:`compare_symmetries` returned for it; None = they are compared here.
 
     Returns
     -------
@@ -79,7 +116,8 @@ def complete_by_symmetry(cloud: SurfaceCloud) -> SurfaceCloud:
     """
     if cloud.reason or len(cloud.viewpoints) == 0:
         return cloud
-    symmetry = find_symmetry(cloud)
+    guesses = guesses or compare_symmetries(cloud)
+    symmetry = None if guesses is None else guesses.best
     added: list[tuple[FloatArray, FloatArray]] = []
     if symmetry is not None:
         chosen = cloud.target & ~cloud.completed & cloud.counted
@@ -99,6 +137,15 @@ def find_symmetry(cloud: SurfaceCloud) -> Symmetry | None:
 
     Vertical is along the table's normal: without a table there is no answer.
     """
+    guesses = compare_symmetries(cloud)
+    return None if guesses is None else guesses.best
+
+
+def compare_symmetries(cloud: SurfaceCloud) -> SymmetryGuesses | None:
+    """Return the mirrors and half turns that a view may be completed by, and what it says of them.
+
+    None where there is no table, no camera or too little to see.
+    """
     if cloud.reason or cloud.table is None or len(cloud.viewpoints) == 0:
         return None
     up = cloud.table[:3]
@@ -114,11 +161,7 @@ def find_symmetry(cloud: SurfaceCloud) -> Symmetry | None:
     side = np.cross(up, ahead)
     options = [*_planes(seen, ahead, side), *_turns(seen, up, ahead, side)]
     images = np.stack([option.apply(drawn) for option in options])
-    against, order = _contradictions(views, images)
-    best = int(np.argmin(order))
-    if against[best] > _PLAUSIBLE_M:
-        return None
-    return replace(options[best], contradiction=float(against[best]))
+    return SymmetryGuesses(options, *_contradictions(views, images))
 
 
 def _level_axis(cloud: SurfaceCloud) -> FloatArray:

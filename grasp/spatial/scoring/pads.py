@@ -18,7 +18,7 @@ from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.rays import line_ends
 
-__all__ = ["PadContacts", "pad_contacts"]
+__all__ = ["PadContacts", "pad_contacts", "pad_grid"]
 
 ACROSS, ALONG = 3, 7
 _COMPLIANCE_M = 0.001
@@ -53,7 +53,7 @@ class PadContacts:
     gap: FloatArray
 
 
-def _pad_grid(gripper: ParallelGripper) -> FloatArray:
+def pad_grid(gripper: ParallelGripper) -> FloatArray:
     """Return places (n, 2) on a pad, m: along the gripper's y and z, evenly over the finger."""
     wide, low = gripper.finger_width, gripper.fingertip - gripper.finger_length
     y = wide * ((np.arange(ACROSS) + 0.5) / ACROSS - 0.5)
@@ -82,7 +82,7 @@ def pad_contacts(
     openings : (c,), m
         Between the jaws before closing.
     """
-    places = _pad_grid(gripper)
+    places = pad_grid(gripper)
     out = np.zeros((len(poses), len(errors), _COLUMNS))
     if len(poses) and len(errors) and len(mesh.faces):
         _press(

@@ -54,6 +54,7 @@ def plan_three_finger(
     hand: ThreeFingerHand,
     surroundings: Surroundings | None = None,
     options: SpatialOptions | None = None,
+    given: FloatArray | None = None,
 ) -> Proposals:
     """Plan grasps of a mesh with three fingers.
 
@@ -61,6 +62,8 @@ def plan_three_finger(
     ----------
     surroundings
         Support and neighbours in the mesh's frame; None = the object floats alone, and "up" is z.
+    given : (n, 4, 4) or None
+        Poses in that frame from which the hand closes, instead of own ones.
 
     Returns
     -------
@@ -83,7 +86,7 @@ def plan_three_finger(
     if isinstance(load, Proposals):
         return load
     notes, mass, up = (*mesh.notes, *load.notes), load.mass, load.up
-    closed = close(mesh, hand, _starts(mesh, hand, up, options.seed))
+    closed = close(mesh, hand, _starts(mesh, hand, up, options.seed) if given is None else given)
     fits = closed.holds & (2 * closed.radius + _MIN_ROOM_M <= hand.max_opening)
     counts = {"tried": len(fits), "fingers do not close on it": int((~closed.holds).sum())}
     counts["wider than the hand opens"] = int((closed.holds & ~fits).sum())

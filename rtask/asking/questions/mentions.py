@@ -14,6 +14,7 @@ import ontology
 from rtask.asking.questions.words import STOP, forms, stem
 from rtask.asking.terms import Reader
 from rtask.errors import RtaskError, UsageError
+from rtask.kb.search.text import single_words
 from rtask.rdf.terms import Literal, NamedNode, Term
 from rtask.sparql.results import Solutions
 
@@ -151,10 +152,21 @@ def with_called(
     ]  # fmt: skip
 
 
+_ON_PRINT = """
+  UNION {
+    VALUES ?word { %s }
+    ?line rt:wordToken ?word . ?reading rt:hasWord ?line . ?view rt:viewContent ?reading .
+    ?named rt:hasView ?view
+    BIND("object" AS ?role)
+  }"""
+
+
 def find_by_part(
     select: Select, tokens: Sequence[str], places: Iterable[int], at_end: bool = False
 ) -> list[Mention]:
     """Return what has a word of a question in its name: "cartons" are carton-7, "a nao" is nao-1.
+
+    So do objects on whose views the word was read: "the carton that says naturell".
 
     Parameters
     ----------
@@ -168,19 +180,23 @@ def find_by_part(
     """
     end = "[^a-z]*$" if at_end else "([^a-z]|$)"
     words = {
-        form: at for at in places for form in (tokens[at].lower(), stem(tokens[at].lower()))
+        form: at for at in places
+        for form in (tokens[at].lower(), stem(tokens[at].lower()), *single_words(tokens[at]))
         if len(form) >= MIN_PART and form.isalpha()
     }  # fmt: skip
     if not words:
         return []
     prefixes = f"PREFIX rt: <{ontology.NS}>\nPREFIX cora: <{ontology.PREFIXES['cora']}>"
     whole = "" if at_end else '("robot" cora:Robot)'
+    written = " ".join(str(Literal(word)) for word in words)
     rows = select(f"""{prefixes}
 SELECT DISTINCT ?word ?named ?role WHERE {{
-  VALUES ?word {{ {" ".join(str(Literal(word)) for word in words)} }}
-  VALUES (?role ?top) {{ ("object" rt:ManipulableObject) {whole} }}
-  ?named a ?top ; rt:name ?name
-  FILTER(REGEX(?name, CONCAT("(^|[^a-z])", ?word, "{end}"), "i"))
+  {{
+    VALUES ?word {{ {written} }}
+    VALUES (?role ?top) {{ ("object" rt:ManipulableObject) {whole} }}
+    ?named a ?top ; rt:name ?name
+    FILTER(REGEX(?name, CONCAT("(^|[^a-z])", ?word, "{end}"), "i"))
+  }}{"" if at_end else _ON_PRINT % written}
 }} LIMIT {MAX_MENTIONS + 1}""")
     called: dict[tuple[int, str], list[Term]] = {}
     for row in rows[:MAX_MENTIONS]:

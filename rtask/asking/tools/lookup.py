@@ -73,7 +73,7 @@ class Description(PagedAnswer):
 
 
 @tool(
-    "Find things, classes and properties by words in names, labels and comments.",
+    "Find things, classes and properties by words in names, labels, comments and on their print.",
     {"words": "red mug"},
     {"words": "grasp*", "kind": "owl:Class"},
     entries=("hits",),
@@ -88,7 +88,7 @@ def search(asked: Asked, request: Search) -> Hits:
     hits = []
     for hit in matches[request.offset : end]:
         text = Literal(hit.text, language=hit.language)
-        quads = kb.match(hit.subject, hit.predicate, text)
+        quads = kb.match(hit.bearer, hit.predicate, text)
         by = terms.authors(quad.graph_name for quad in quads)
         value = terms.value(text, by)
         hits.append(Hit(iri=terms.short(hit.subject), text=value))

@@ -34,7 +34,8 @@ __all__ = ["batch"]
     "--gripper",
     default="panda",
     show_default=True,
-    help="nao, panda or jaw:STROKE in m, or a file that describes one: JSON, TOML or URDF.",
+    help="nao, panda, jaw:STROKE, suction:RADIUS or three:OPENING in m, or a file that describes "
+    "one: JSON, TOML or URDF.",
 )
 @click.option("--mass", type=float, help="Mass of each object, kg.  [default: not known]")
 @click.option("--scale", default=1.0, show_default=True, help="m per unit of the files.")
@@ -87,7 +88,7 @@ def batch(meshes: tuple[Path, ...], as_json: bool, **options: Any) -> None:
 def _task(meshes: tuple[Path, ...], options: dict[str, Any]) -> BatchPlan:
     from grasp.batch import BatchPlan, MeshFile
     from grasp.spatial.grasp_plan import SpatialOptions
-    from grasp.spatial.gripper_files import gripper_named
+    from grasp.spatial.gripper_files import end_effector_named
 
     if len(set(meshes)) < len(meshes):
         raise UsageError("a mesh is named twice")
@@ -97,8 +98,8 @@ def _task(meshes: tuple[Path, ...], options: dict[str, Any]) -> BatchPlan:
         seed=options["seed"], most=max(options["limit"], 50),
     )  # fmt: skip
     return BatchPlan(
-        tuple(MeshFile.read(mesh) for mesh in meshes), gripper_named(options["gripper"]), spatial,
-        options["scale"], options["floating"],
+        tuple(MeshFile.read(mesh) for mesh in meshes), end_effector_named(options["gripper"]),
+        spatial, options["scale"], options["floating"],
     )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +44,7 @@ class _SpaceCall(SpatialCall):
     viewpoint: tuple[tuple[float, float, float], ...]
     grasps: Path | None
     classifier: str | None
+    shapes: int | None
     outcomes: Path | None
     store: bool
 
@@ -54,6 +55,8 @@ class _SpaceCall(SpatialCall):
         for place in self.viewpoint:
             if not all(map(math.isfinite, place)):
                 raise UsageError(f"--viewpoint {' '.join(map(str, place))}: expected numbers, m")
+        if self.shapes and self.classifier:
+            raise UsageError("--shapes and --classifier both rank grasps: leave one of them out")
 
     def refuse(self, why: str, *names: str) -> None:
         """Refuse options that have no effect on a kind of source."""
@@ -65,10 +68,11 @@ class _SpaceCall(SpatialCall):
         """Return the options of the planner; ``grown`` are promises from outcomes in the graph."""
         from grasp.spatial.grasp_plan import SpatialOptions
 
-        return SpatialOptions(
+        options = SpatialOptions(
             noise=self.noise, samples=self.samples, mass=self.mass, seed=self.seed, most=self.most,
             find_support=not self.floating, promises=self.promises(grown),
         )  # fmt: skip
+        return options if self.shapes is None else replace(options, shapes=self.shapes)
 
     def promises(self, grown: Promises | None = None) -> Promises | None:
         """Return what the hand's own outcomes teach: those of a file, else those in the graph."""
@@ -136,6 +140,12 @@ class _SpaceCall(SpatialCall):
     "one that comes with rtask for the hand.  [default: none]",
 )
 @click.option(
+    "--shapes",
+    type=click.IntRange(0, 500),
+    help="Samples of the shape that no camera saw, over which grasps of a cloud are ranked; they "
+    "need --viewpoint. 0 = ranked on one guess of it.  [default: 0]",
+)
+@click.option(
     "--outcomes",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="Own outcomes of the hand on meshes, one JSON object a line: lift, carry and load of the "
@@ -198,7 +208,7 @@ def _shape(
     if call.store:
         raise UsageError("--store needs an object of the graph, not a file")
     if is_mesh(path):
-        call.refuse(f"is about clouds, and {path} is a mesh", "viewpoint", "classifier")
+        call.refuse(f"is about clouds, and {path} is a mesh", "viewpoint", "classifier", "shapes")
         mesh, others = _body(read_mesh(path, call.scale), path, call)
         return mesh, f"{len(mesh.faces)} faces, {_size(mesh)}{others}", None, None
     call.refuse(f"needs the mesh that they are grasps of, and {path} is a cloud", "grasps")
@@ -240,7 +250,7 @@ def _planned(
     from grasp.spatial.meshes.mesh import Mesh
 
     if hand.contact_kind != "jaws":
-        call.refuse_for_contacts(hand, "grasps", "classifier")
+        call.refuse_for_contacts(hand, "classifier", "shapes")
     if stored_shape is not None:
         return stored_shape.plan(hand, call.planning(grown), call.filter(), call.floating)
     if isinstance(shape, Mesh):
@@ -253,16 +263,17 @@ def _plan_mesh(mesh: Mesh, hand: EndEffector, call: _SpaceCall) -> Proposals:
     from grasp.spatial.contact_plan import OtherHand, plan_contacts
     from grasp.spatial.grasp_plan import plan_given, plan_on_mesh
     from grasp.spatial.gripper import ParallelGripper
-    from grasp.spatial.interchange import read_grasps
+    from grasp.spatial.interchange import read_grasps, read_poses
 
     around = Surroundings(_support(mesh.vertices, call))
     if isinstance(hand, OtherHand):
-        return plan_contacts(mesh, hand, around, call.planning())
+        given = None if call.grasps is None else read_poses(call.grasps, hand)
+        return plan_contacts(mesh, hand, around, call.planning(), given)
     assert isinstance(hand, ParallelGripper)
     if call.grasps is None:
         return plan_on_mesh(mesh, hand, around, call.planning())
-    given = read_grasps(call.grasps, hand, mesh).candidates
-    return plan_given(given, mesh, hand, around, call.planning())
+    own = read_grasps(call.grasps, hand, mesh).candidates
+    return plan_given(own, mesh, hand, around, call.planning())
 
 
 def _plan_cloud(points: NDArray[np.float64], hand: EndEffector, call: _SpaceCall) -> Proposals:

@@ -73,7 +73,6 @@ def _written(
 ) -> list[str]:
     """Write the drawing and the file of grasps, if they are asked for; return their paths."""
     from grasp.spatial.drawing import candidates_svg
-    from grasp.spatial.gripper import ParallelGripper
     from grasp.spatial.interchange import write_grasps
 
     written: list[Path] = []
@@ -81,7 +80,6 @@ def _written(
         written.append(call.save_plots / "candidates_3d.svg")
         written[-1].write_text(candidates_svg(proposals.candidates, hand, shape), "utf-8")
     if call.save_grasps is not None:
-        assert isinstance(hand, ParallelGripper)
         write_grasps(call.save_grasps, proposals.candidates, hand, name, call.scale)
         written.append(call.save_grasps)
     return [str(path) for path in written]

@@ -100,7 +100,7 @@ class SpatialCall:
     def refuse_for_contacts(self, hand: EndEffector, *names: str) -> None:
         """Refuse options that have an effect on two jaws only."""
         what = "a suction cup" if hand.contact_kind == "suction" else "three fingers"
-        for name in ("save_grasps", *names):
+        for name in names:
             if getattr(self, name):
                 option = name.replace("_", "-")
                 raise UsageError(f"--{option} is for grippers with two jaws, not {what}")

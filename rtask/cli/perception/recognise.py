@@ -21,6 +21,7 @@ from rtask.cli.perception.cutting import segmentation_option
 from rtask.cli.perception.scene_file import View, camera_options, save_picture
 from rtask.cli.perception.selecting import selection_options
 from rtask.cli.progress import Working, announce_compilation
+from rtask.engine.words import contradiction_words
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def recognise(
     for row in rows:
         verdict = _VERDICTS[row["outcome"]] + (", accepted" if row["accepted"] else "")
         if row["family"]:
-            verdict = f"looks like a known object, but differs {row['differs']}"
+            verdict = f"looks like a known object, but {_difference(row)}"
         elif row["ask_again"]:
             verdict += ", another view may decide"
             if row["in_other_light"]:
@@ -129,6 +130,13 @@ def recognise(
             )
     _announce_why(rows, server, has_plot=save_plot is not None)
     exit_if_empty(recognised)
+
+
+def _difference(row: Mapping[str, Any]) -> str:
+    """Return by what a view differs from the object of its family, in words."""
+    if row["word_seen"]:
+        return contradiction_words(row["word_seen"], row["word_stored"], "that")
+    return f"differs {row['differs']}"
 
 
 def _announce_why(rows: Sequence[Mapping[str, Any]], server: str | None, *, has_plot: bool) -> None:
@@ -161,12 +169,14 @@ def _recognised(
     """Recognise the objects by the views of a folder."""
     from rtask.cli.perception.pictures import recognition_picture
     from rtask.cli.perception.recognition import index_of, look, with_pose
+    from rtask.engine.networks.printed_words import PrintedWords, reader_by_environment
     from rtask.engine.stored import Models
 
     with open_to_read(data) as kb:
-        index = index_of(kb)
-        models = Models(kb)
-        seen = [with_pose(models, view) for view in look(crops, index, min_confidence, further)]
+        index, reader = index_of(kb), reader_by_environment()
+        models, words = Models(kb), None if reader is None else PrintedWords(kb, reader)
+        answers = look(crops, index, min_confidence, further, words)
+        seen = [with_pose(models, view) for view in answers]
         if save_plot is not None:
             save_picture(save_plot, recognition_picture(models, frame, seen))
         index.close()
@@ -199,6 +209,9 @@ def _asked(
                     "accepted": answer["accepted"],
                     "family": answer["family"],
                     "differs": answer["differs"],
+                    # A server of an earlier version reads no words.
+                    "word_seen": answer.get("word_seen", ""),
+                    "word_stored": answer.get("word_stored", ""),
                     "ask_again": answer["ask_again"],
                     "in_other_light": answer["in_other_light"],
                     "views_untried": answer["views_untried"],
@@ -240,6 +253,8 @@ def _row(view: Seen) -> dict[str, Any]:
         "accepted": view.answer.accepted,
         "family": view.answer.family,
         "differs": view.answer.differs,
+        "word_seen": "" if view.answer.words is None else view.answer.words.seen.text,
+        "word_stored": "" if view.answer.words is None else view.answer.words.stored.text,
         "ask_again": view.answer.ask_again,
         "in_other_light": view.answer.is_in_other_light,
         "views_untried": view.answer.views_untried,

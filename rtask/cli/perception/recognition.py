@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from features.geometry import Frame
     from features.recognition import Recognition as Answer
     from features.recognition import RecognitionIndex, ViewFeatures
+    from rtask.engine.networks.printed_words import PrintedWords
+    from rtask.engine.observation import Observation
     from rtask.engine.perception.poses import ObjectPose
     from rtask.engine.stored import Models
     from rtask.knowledge_base import KnowledgeBase
@@ -64,6 +66,7 @@ def look(
     index: RecognitionIndex,
     min_confidence: float | None,
     further: Sequence[Frame] = (),
+    words: PrintedWords | None = None,
 ) -> list[Seen]:
     """Recognise the objects of a view.
 
@@ -75,6 +78,8 @@ def look(
         Lowest confidence of an accepted answer; ``None`` for the recogniser's own.
     further
         The only object of ``crops`` from other sides.
+    words
+        Words on stored views, with what reads those of the crops; None = they are not read.
     """
     from features.recognition import Recogniser, Recognition, describe_frame, fuse
     from rtask.engine.perception.identity import has_rivals
@@ -85,27 +90,35 @@ def look(
     # engine.
     least = 0 if has_rivals(index) else Policy().inliers_when_alone
 
-    def answer_to(features: ViewFeatures) -> Recognition:
+    def answer_to(crop: Frame, features: ViewFeatures) -> Recognition:
         answer = recogniser.recognise(features, min_confidence=min_confidence)
         is_doubtful = answer.accepted and answer.matches[0].inliers < least
-        return replace(answer, accepted=False) if is_doubtful else answer
+        answer = replace(answer, accepted=False) if is_doubtful else answer
+        return answer if words is None else words.weigh(answer, _observed(crop, features))
 
-    others = [answer_to(describe_frame(crop)) for crop in further]
+    others = [answer_to(crop, describe_frame(crop)) for crop in further]
     seen = []
     for label, crop in crops:
         features = describe_frame(crop)
-        answer = fuse([answer_to(features), *others], min_confidence=min_confidence)
+        answer = fuse([answer_to(crop, features), *others], min_confidence=min_confidence)
         seen.append(Seen(label, crop, features, answer))
     return seen
 
 
-def with_pose(models: Models, view: Seen) -> Seen:
-    """Return an object with names, and its pose where a stored model or view determines it."""
+def _observed(crop: Frame, features: ViewFeatures) -> Observation:
+    """Return an observation of which only the camera is known, not where the table is."""
     import numpy as np
 
+    from rtask.engine.observation import Observation
+
+    nothing = np.empty((0, 3))
+    return Observation(b"", crop, features, np.eye(4), nothing, None, is_posed=False)
+
+
+def with_pose(models: Models, view: Seen) -> Seen:
+    """Return an object with names, and its pose where a stored model or view determines it."""
     from rtask.engine.memory.question import Question
     from rtask.engine.memory.recall import recall
-    from rtask.engine.observation import Observation
     from rtask.engine.perception.poses import find_pose
 
     iris = tuple(match.object_iri for match in view.answer.matches)
@@ -120,9 +133,7 @@ def with_pose(models: Models, view: Seen) -> Seen:
         return view
     match = view.answer.matches[0]
     memory = recall(models.kb, Question(objects=(match.object_iri,), views=(match.view_iri,)))
-    # Only the camera is known, not where it is relative to the table.
-    nothing = np.empty((0, 3))
-    seen = Observation(b"", view.crop, view.features, np.eye(4), nothing, None, is_posed=False)
+    seen = _observed(view.crop, view.features)
     remembered_object = memory.objects.get(match.object_iri)
     return replace(view, pose=find_pose(models, seen, remembered_object, match, memory))
 

@@ -72,7 +72,7 @@ def node(
 ) -> None:
     """Offer the operations of a server in ROS 1, until Ctrl-C.
 
-    Services rtask/<operation> and rtask/segment; topics rtask/grasps, rtask/objects,
+    Services rtask/<operation> and rtask/segment; topics rtask/grasps, rtask/objects, rtask/world,
     rtask/planning_scene and rtask/changes; the action rtask/see, which looks at the clouds on
     ~points, or at the depth on ~depth with ~image and ~camera_info; the action
     rtask/sample_grasp_poses for the MoveIt Task Constructor. Grasps keep clear of MoveIt's planning
@@ -116,7 +116,7 @@ def _serve(ros_node: RosNode, schema: Schema, client: Client, options: SeeOption
     from rtask.interop.ros.changes import ChangeTopic
     from rtask.interop.ros.scene.rospy_client import scene_source
     from rtask.interop.ros.seeing import Eyes, SampleAction, SeeAction, SegmentService
-    from rtask.interop.ros.services import BestGrasps, OperationServices
+    from rtask.interop.ros.services import BestGrasps, OperationServices, world_display
 
     best = BestGrasps()
     OperationServices(schema, client, best.heard)
@@ -128,10 +128,12 @@ def _serve(ros_node: RosNode, schema: Schema, client: Client, options: SeeOption
     action = SeeAction(eyes, client, options, best.heard, scene)
     sampling = SampleAction(action, lambda: _parameter("grasp_target", str) or "")
     ChangeTopic(client.follow)
+    world = world_display(client)
 
     last = [rospy.Time.now()]
 
     def each_second() -> None:
+        world.refresh()
         now = rospy.Time.now()
         if now < last[0]:
             eyes.transforms.clear()

@@ -262,6 +262,8 @@ def forget_view(edit: Edit, view: NamedNode) -> list[NamedNode]:
     freed = []
     for content in _objects(edit, view, RT.viewContent):
         freed += edit.forget_bytes(content)
+        for word in _objects(edit, content, RT.hasWord):
+            edit.remove(edit.match(word))
         edit.remove(edit.match(content))
         edit.remove(edit.match(None, None, content))
     for pose in _objects(edit, view, RT.viewpoint):

@@ -13,7 +13,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from rtask.engine.networks.printed_words import objects_that_say
 from rtask.engine.terms import folded
+from rtask.kb.search.text import single_words
 from rtask.rdf.namespaces import RT
 
 if TYPE_CHECKING:
@@ -21,31 +23,35 @@ if TYPE_CHECKING:
 
 __all__ = ["Meaning", "Sense", "SenseKind", "meaning", "stems"]
 
-SenseKind = Literal["class", "function", "colour", "trait"]
+SenseKind = Literal["class", "function", "colour", "trait", "print"]
 
 _FILLERS = frozenset(
     re.findall(
         r"\w+",
         "a an the some something anything somewhat thing things object one ones bring fetch get "
         "give hand pass take grasp pick find show need want would like please me my us i you we "
-        "to for with from out of in on at and or which that who is are it its up over here can",
+        "to for with from out of in on at and or which that who is are it its up over here can "
+        "say says",
     )
 )
 _MODAL = re.compile(r"\b(?:i|you|we|one|he|she|they|that|which|people|robot)\s+can\b")
 _A_CAN = re.compile(r"\b(?:a|the|some|any|this|that|my|your|of)\s+(?:\w+\s+)?cans?\b|^cans?\b")
+_MIN_PRINTED = 3
+"""Letters of a word that is looked for on objects."""
+_MAX_PRINTED = 300
 _WORD = re.compile(r"[^\W_]+")
 
 
 @dataclass(frozen=True)
 class Sense:
-    """A condition on the object: a class, a function, a colour or a trait.
+    """A condition on the object: a class, a function, a colour, a trait, or a word on its print.
 
     Parameters
     ----------
     kind
         Which of these.
     terms
-        IRIs, any of which fulfils the condition.
+        IRIs, any of which fulfils the condition; of print, the objects on which it was read.
     words
         Words of the request.
     """
@@ -126,6 +132,8 @@ def meaning(context: Context, wish: str) -> Meaning:
     ]  # fmt: skip
     words = stems(wish)
     senses, left = _longest_names(named, words)
+    printed, left = _printed(context, wish, left)
+    senses += printed
     if not senses:
         senses = _searched(context, words, classes, functions)
         left = [] if senses else words
@@ -162,6 +170,19 @@ def _longest_names(named: list[_Named], words: list[str]) -> tuple[list[Sense], 
             senses.append(Sense(kind, terms, same[0][2]))
             left = [word for word in left if word not in stems_of_name]
     return senses, left
+
+
+def _printed(context: Context, wish: str, left: list[str]) -> tuple[list[Sense], list[str]]:
+    """Return the senses of words that mean nothing else and were read on objects, and the rest.
+
+    What an object's print says is the word of whoever printed it: it names no kind and no use.
+    """
+    tokens = {token: _stem(token) for token in single_words(wish) if _stem(token) in left}
+    long = [token for token in tokens if len(token) >= _MIN_PRINTED]
+    objects_of = objects_that_say(context.kb, long, _MAX_PRINTED)
+    senses = [Sense("print", objects, token) for token, objects in objects_of.items()]
+    said = {tokens[token] for token in objects_of}
+    return senses, [word for word in left if word not in said]
 
 
 def _searched(

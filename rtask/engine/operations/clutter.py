@@ -212,7 +212,7 @@ def _recognised(
     seen = observe(look)
     recognition = recognise(
         context.views.recogniser, seen, context.policy, _MAX_MATCHES, None,
-        context.views.embeddings,
+        context.views.embeddings, words=context.words,
     )  # fmt: skip
     question = question_for(context.policy, seen, recognition, None, gripper)
     memory = recall(context.kb, replace(question, doubts=context.honesty.doubts(question.robot)))

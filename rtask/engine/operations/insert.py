@@ -260,6 +260,8 @@ class _Writer:
         if embeddings is not None and prepared.vector is not None:
             embeddings.state(self.triples, view, prepared.vector)
             self.vectors.append((view, object_iri, class_iri, prepared.vector))
+        if context.words is not None and prepared.words is not None:
+            context.words.state(self.triples, view, prepared.words)
         grasp, handled = self._grasp(prepared, object_iri, task_id, event, now, exemplar)
         self.views.append((view, object_iri, class_iri, prepared.seen))
         features = len(prepared.seen.features)

@@ -154,7 +154,7 @@ def recognise_for_grasp(
     least = request.min_confidence if thresholds is None else thresholds.identity
     recognition = recognise(
         context.views.recogniser, seen, context.policy, _MAX_MATCHES, least,
-        context.views.embeddings, looks, _min_fused(request, thresholds),
+        context.views.embeddings, looks, _min_fused(request, thresholds), context.words,
     )  # fmt: skip
     clock.lap("matching_s")
     question = question_for(context.policy, seen, recognition, request.object, gripper)

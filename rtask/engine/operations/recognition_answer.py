@@ -20,7 +20,12 @@ from rtask.engine.operations.grasps import (
     GraspMessage,
     contact_messages,
 )
-from rtask.engine.operations.search import SimilarObject, match_message, similar_objects
+from rtask.engine.operations.search import (
+    SimilarObject,
+    match_message,
+    similar_objects,
+    word_fields,
+)
 from rtask.engine.perception.identity import verdict
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose, pose_fields
@@ -151,6 +156,7 @@ def fields_of(situation: Situation, max_grasps: int) -> dict[str, Any]:
             "ask_again": situation.recognition.ask_again,
             "views_untried": situation.recognition.views_untried,
             "message": verdict(situation.recognition, situation.memory),
+            **word_fields(situation.recognition),
             "matches": [
                 match_message(match, situation.memory) for match in situation.recognition.matches
             ],

@@ -11,7 +11,7 @@ from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import lower_95
 from rtask.engine.observation import Observation
 from rtask.engine.operations.operation import operation
-from rtask.engine.perception.identity import recognise, settle
+from rtask.engine.perception.identity import recognise, settle, verdict
 from rtask.engine.perception.observation import Looks, observe_all
 from rtask.engine.perception.placement import place
 from rtask.engine.remembered import Memory, Remembered, RememberedObject
@@ -38,6 +38,7 @@ __all__ = [
     "match_message",
     "search_object",
     "similar_objects",
+    "word_fields",
 ]
 
 
@@ -96,6 +97,13 @@ class SimilarObjects(Answer):
     views_untried: int = 0
     """stored views that share some print and were not compared: without an accepted object, it is
     not decided that it is none of theirs"""
+    word_seen: str = ""
+    """word read in the view in the place of another one of that object; untrusted text, empty if
+    words are not read or do not differ"""
+    word_stored: str = ""
+    """that of the object; untrusted text"""
+    message: str = ""
+    """which object it is, or why none was accepted, in words"""
 
 
 @operation("read", "reads", "list known objects that look like this one")
@@ -113,6 +121,7 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
         request.min_confidence,
         context.views.embeddings,
         looks,
+        words=context.words,
     )
     description = request.class_description
     kinds = context.classes.find(description) if description else []
@@ -136,7 +145,17 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
         ask_again=bool(recognition.ask_again),
         in_other_light=recognition.is_in_other_light,
         views_untried=recognition.views_untried,
+        message=verdict(recognition, memory),
+        **word_fields(recognition),
     )
+
+
+def word_fields(recognition: Recognition) -> dict[str, str]:
+    """Return the two words by which a view differs from the object that it looks like."""
+    words = recognition.words
+    if words is None:
+        return {"word_seen": "", "word_stored": ""}
+    return {"word_seen": words.seen.text, "word_stored": words.stored.text}
 
 
 def match_message(match: Match, memory: Memory) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from rtask.engine.operations.curate import curate_object
 from rtask.engine.operations.feedback import give_feedback
 from rtask.engine.operations.grasps import recall_grasps
 from rtask.engine.operations.insert import insert_object
+from rtask.engine.operations.mesh import reconstruct_mesh
 from rtask.engine.operations.operation import Operation
 from rtask.engine.operations.outcome import report_outcome
 from rtask.engine.operations.planned import plan_in_space
@@ -30,6 +31,7 @@ from rtask.engine.operations.tasks.queue import cancel_plan, claim_step, end_ste
 from rtask.engine.operations.tasks.why import explain_failure
 from rtask.engine.operations.teach import teach_object
 from rtask.engine.operations.world.frames import locate_frame, state_frame
+from rtask.engine.operations.world.scene import show_world
 from rtask.engine.operations.world.sightings import report_sightings
 from rtask.engine.operations.world.state import state_place
 from rtask.engine.operations.world.trace import trace_thing
@@ -44,12 +46,14 @@ _ALL: tuple[Operation[Any, Any], ...] = (
     recall_grasps,
     plan_in_space,
     plan_on_scene,
+    reconstruct_mesh,
     search_object,
     resolve_request,
     where_is,
     state_place,
     report_sightings,
     trace_thing,
+    show_world,
     locate_frame,
     state_frame,
     plan_goal,

@@ -16,11 +16,13 @@ import numpy as np
 from rtask.engine.observation import Observation
 from rtask.engine.policy import Policy
 from rtask.engine.remembered import Memory, RememberedObject
+from rtask.engine.words import contradiction_words
 
 if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex
     from features.recognition.recogniser import Recogniser, Recognition
-    from rtask.engine.embeddings import Embeddings
+    from rtask.engine.networks.embeddings import Embeddings
+    from rtask.engine.networks.printed_words import PrintedWords
 
 __all__ = ["has_rivals", "is_plausible", "recognise", "settle", "verdict"]
 
@@ -34,10 +36,12 @@ def recognise(
     embeddings: Embeddings | None = None,
     looks: Sequence[Observation] = (),
     min_fused: float | None = None,
+    words: PrintedWords | None = None,
 ) -> Recognition:
     """Match a view, and further ``looks`` at the same object, against the index.
 
     Where no print was matched, ``embeddings`` propose objects below the confidence of acceptance.
+    Where print was, and a sibling may be shown, ``words`` are read that may refute it.
 
     Parameters
     ----------
@@ -53,6 +57,9 @@ def recognise(
         _recognise_view(recogniser, look, policy, max_results, min_confidence, embeddings)
         for look in (seen, *looks)
     ]
+    if words is not None:
+        pairs = zip(answers, (seen, *looks), strict=True)
+        answers = [words.weigh(answer, look) for answer, look in pairs]
     return fuse(answers, min_confidence=min_confidence if min_fused is None else min_fused)
 
 
@@ -120,6 +127,10 @@ def verdict(recognition: Recognition, memory: Memory) -> str:
     name = (remembered.label if remembered is not None else "") or first.object_iri
     if recognition.accepted:
         return f"is {name}"
+    if recognition.words is not None:
+        words = recognition.words
+        told = contradiction_words(words.seen.text, words.stored.text, name)
+        return f"looks like {name}, but {told}"
     if recognition.differs:
         return f"looks like {name}, but differs {recognition.differs}"
     if not recognition.ask_again:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "check_picture",
+    "decode_picture",
     "encode_crop",
     "encode_photo",
     "frame_of_cloud",
@@ -45,11 +46,18 @@ def check_picture(data: bytes, path: str) -> tuple[str, int, int]:
     media_type = media_type_of(data)
     if media_type is None:
         raise UsageError(f"{path}: expected PNG or JPEG, starts with {data[:8].hex(' ')}")
-    height, width = _decoded(data, path).shape[:2]
+    height, width = decode_picture(data, path).shape[:2]
     return media_type, width, height
 
 
-def _decoded(data: bytes, path: str) -> NDArray[np.uint8]:
+def decode_picture(data: bytes, path: str) -> NDArray[np.uint8]:
+    """Return the picture (h, w, 3) uint8 RGB of an encoded image, of at most 16 megapixels.
+
+    Raises
+    ------
+    UsageError
+        If the bytes at ``path`` of the request are no such image.
+    """
     import cv2
 
     from features.codec.image_header import image_size
@@ -97,7 +105,7 @@ def with_image(frame: Frame, data: bytes) -> Frame:
 
     from features.geometry import Frame, Intrinsics
 
-    rgb = np.ascontiguousarray(_decoded(data, "image"))
+    rgb = np.ascontiguousarray(decode_picture(data, "image"))
     if rgb.shape[:2] == frame.depth_m.shape:
         return replace(frame, rgb=rgb)
     height, width = rgb.shape[:2]

@@ -35,6 +35,7 @@ from rtask.wire.request_id import StoredOnce
 from rtask.wire.types import Flag, Grasp, Iri, Number, Text
 
 if TYPE_CHECKING:
+    from features.words.word import Word
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
@@ -99,6 +100,8 @@ class Prepared:
     resembles
         The stored object that a new one may be, and how sure that is; None where it resembles none
         enough for another view to decide.
+    words
+        Words on the view; None where they are not read.
     """
 
     item: NewObject
@@ -115,6 +118,7 @@ class Prepared:
     vector: NDArray[np.float32] | None = None
     located: Located | None = None
     resembles: tuple[RememberedObject, float] | None = None
+    words: tuple[Word, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -154,7 +158,7 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     kinds = classes_named(context, item.class_description)
     recogniser = context.views.recogniser  # which reads the index, a generation of its own, if new
     generation = context.views.generation
-    recognition = recognise(recogniser, seen, context.policy, _MAX_MATCHES)
+    recognition = recognise(recogniser, seen, context.policy, _MAX_MATCHES, words=context.words)
     question = question_for(
         context.policy, seen, recognition, item.object, gripper,
         () if item.object else tuple(kind.value for kind in kinds),
@@ -205,7 +209,7 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     )  # fmt: skip
     return Prepared(
         item, where, seen, existing, placement, gripper, grasp, outcome, view, growth, generation,
-        vector, place, resembles,
+        vector, place, resembles, None if context.words is None else context.words.read(seen),
     )  # fmt: skip
 
 

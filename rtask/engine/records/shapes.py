@@ -212,6 +212,7 @@ def _meshes(context: Context, object_iri: str) -> list[tuple[str, str]]:
     rows = context.kb.select(f"""{PREFIXES}
 SELECT ?mesh ?blob ?model (COUNT(DISTINCT ?view) AS ?n) WHERE {{
   {iri(object_iri)} rt:hasFeature ?mesh . ?mesh a rt:TriangleMesh ; rt:hasBlob ?blob
+  FILTER NOT EXISTS {{ ?mesh rt:seenShare ?share }}
   OPTIONAL {{ ?mesh prov:wasDerivedFrom ?model . ?model rt:builtFrom ?view }}
 }} GROUP BY ?mesh ?blob ?model""")
     meshes = [

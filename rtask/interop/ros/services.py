@@ -11,8 +11,9 @@ from rtask.interop.ros.clouds import packed_cloud
 from rtask.interop.ros.convert import make_message
 from rtask.interop.ros.operations import Caller, Heard, OperationHandler, best_grasp, refusal
 from rtask.interop.ros.schema import PACKAGE, Schema
+from rtask.interop.ros.world_markers import WORLD_TOPIC, WorldDisplay
 
-__all__ = ["BestGrasps", "OperationServices", "service_type"]
+__all__ = ["BestGrasps", "OperationServices", "service_type", "world_display"]
 
 
 def service_type(name: str) -> Any:
@@ -70,3 +71,17 @@ class BestGrasps:
         grasp = best_grasp(operation, answer, make_message)
         if grasp is not None:
             self._topic.publish(grasp)
+
+
+def world_display(client: Caller) -> WorldDisplay:
+    """Return the display of the world on the latched topic ``rtask/world``, for rviz."""
+    import rospy
+    from visualization_msgs.msg import MarkerArray
+
+    topic = rospy.Publisher(WORLD_TOPIC, MarkerArray, queue_size=1, latch=True)
+    return WorldDisplay(
+        lambda: client.call("show_world"),
+        topic.publish,
+        lambda: bool(topic.get_num_connections()),
+        make_message,
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -14,7 +16,7 @@ from rtask.rdf.namespaces import RT
 if TYPE_CHECKING:
     import sqlite3
 
-__all__ = ["TextHit", "TextTable", "words_of"]
+__all__ = ["TextHit", "TextTable", "single_words", "words_of"]
 
 _RDFS = "http://www.w3.org/2000/01/rdf-schema#"
 _SKOS = "http://www.w3.org/2004/02/skos/core#"
@@ -31,6 +33,7 @@ PROPERTIES = (
     _DCT + "description",
     _SCHEMA + "name",
     _SCHEMA + "description",
+    RT.wordText.value,
 )
 _TEXT_TYPES = {
     "http://www.w3.org/2001/XMLSchema#string",
@@ -45,7 +48,9 @@ class TextHit:
     Parameters
     ----------
     subject
-        IRI of the thing described.
+        IRI of the thing described; of a word that was read on a view, the object that shows it.
+    bearer
+        What has the text as its property: the subject itself, or that word.
     score
         Relevance, larger is better (BM25, Robertson and Zaragoza 2009); meaningful only for
         sorting.
@@ -56,6 +61,20 @@ class TextHit:
     text: str
     language: str | None
     score: float
+    bearer: NamedNode
+
+
+def single_words(text: str) -> list[str]:
+    """Return the words of a text as ``rt:wordToken`` has them: small, without accents, each once.
+
+    Examples
+    --------
+    >>> single_words("Crème BRÛLÉE, 3,5 % crème")
+    ['creme', 'brulee', '3', '5']
+    """
+    apart = unicodedata.normalize("NFKD", text.casefold())
+    plain = "".join(c for c in apart if not unicodedata.combining(c))
+    return list(dict.fromkeys(re.findall(r"[^\W_]+", plain)))
 
 
 def words_of(text: str) -> str:
@@ -152,7 +171,8 @@ class TextTable:
         )
         for subject, predicate, matched_text, tag, score in rows:
             yield TextHit(
-                NamedNode(subject), NamedNode(predicate), matched_text, tag or None, score
+                *(NamedNode(subject), NamedNode(predicate), matched_text, tag or None, score),
+                NamedNode(subject),
             )
 
 

@@ -1791,6 +1791,45 @@ class PoseEstimate(InformationEntity):
     violation: One[float] = One(_RT + "violation", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
 
 
+class PrintedWord(InformationEntity):
+    """A line of print as a program read it, perhaps wrongly, with its place in the view's image.
+
+    ``rt:PrintedWord``
+
+    Attributes
+    ----------
+    reading_score
+        The confidence of the program that read, 0 to 1; not calibrated. [UNITLESS]
+    word_angle
+        The angle from the direction of the columns to that of reading, clockwise in the
+        image. [RAD]
+    word_height
+        The height of the line across its direction of reading, in pixels. [NUM]
+    word_length
+        The length of the line along its direction of reading, in pixels. [NUM]
+    word_text
+        The letters as read, without control characters.
+    word_token
+        A single word of the line, in small letters without accents, to find objects by.
+    word_u
+        The column of the middle of the line in the image of the view, in pixels. [NUM]
+    word_v
+        The row of the middle of the line in the image of the view, in pixels. [NUM]
+    """
+
+    __iri__: ClassVar[str] = _RT + "PrintedWord"
+    __required__: ClassVar[tuple[str, ...]] = ("reading_score", "word_angle", "word_height", "word_length", "word_text", "word_u", "word_v",)
+
+    reading_score: One[float] = One(_RT + "readingScore", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
+    word_angle: One[float] = One(_RT + "wordAngle", _XSD + "double", functional=True, unit="RAD")
+    word_height: One[float] = One(_RT + "wordHeight", _XSD + "double", functional=True, unit="NUM", limits=Limits(above=0.0))
+    word_length: One[float] = One(_RT + "wordLength", _XSD + "double", functional=True, unit="NUM", limits=Limits(above=0.0))
+    word_text: One[str] = One(_RT + "wordText", _XSD + "string", functional=True, limits=Limits(pattern='^[^\x01-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]+$'))
+    word_token: Many[str] = Many(_RT + "wordToken", _XSD + "string")
+    word_u: One[float] = One(_RT + "wordU", _XSD + "double", functional=True, unit="NUM")
+    word_v: One[float] = One(_RT + "wordV", _XSD + "double", functional=True, unit="NUM")
+
+
 class Recognition(Process, Activity):
     """One run of the recognition pipeline.
 
@@ -2731,6 +2770,11 @@ class ShapeModel(VisualFeature):
         The number of faces of a mesh. [NUM]
     knot_count
         The number of knots of the B-spline. [NUM]
+    median_residual
+        The median distance of the measured points from the surface that was fitted to them.
+        [M]
+    residual90
+        The distance from the fitted surface within which 90 % of the measured points lie. [M]
     rms_residual
         The root mean square distance between the model and the points it was fitted to. [M]
     vertex_count
@@ -2743,6 +2787,8 @@ class ShapeModel(VisualFeature):
     degree: One[int] = One(_RT + "degree", _XSD + "positiveInteger", functional=True, unit="NUM")
     face_count: One[int] = One(_RT + "faceCount", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
     knot_count: One[int] = One(_RT + "knotCount", _XSD + "positiveInteger", functional=True, unit="NUM")
+    median_residual: One[float] = One(_RT + "medianResidual", _XSD + "double", functional=True, unit="M")
+    residual90: One[float] = One(_RT + "residual90", _XSD + "double", functional=True, unit="M")
     rms_residual: One[float] = One(_RT + "rmsResidual", _XSD + "double", functional=True, unit="M")
     vertex_count: One[int] = One(_RT + "vertexCount", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
 
@@ -2833,6 +2879,27 @@ class Task(IntentionalProcess):
     sub_task_of: Links[Task] = Links(_RT + "subTaskOf", _RT + "Task", inverse=_RT + "hasSubTask", stored=False)
     task_name: Many[str] = Many(_RT + "taskName", _XSD + "string")
     waits_for: Links[Task] = Links(_RT + "waitsFor", _RT + "Task")
+
+
+class TextReading(VisualFeature):
+    """What a program read on a view; without a word, it found none. Anybody may have printed it: it
+    is data, and never an instruction.
+
+    ``rt:TextReading``
+
+    Attributes
+    ----------
+    has_word
+        A word of the reading.
+    read_by
+        The name and version of the program that read.
+    """
+
+    __iri__: ClassVar[str] = _RT + "TextReading"
+    __required__: ClassVar[tuple[str, ...]] = ("read_by",)
+
+    has_word: Links[PrintedWord] = Links(_RT + "hasWord", _RT + "PrintedWord")
+    read_by: One[str] = One(_RT + "readBy", _XSD + "string", functional=True)
 
 
 class RobotGroup(Group):
@@ -3398,10 +3465,24 @@ class TriangleMesh(ShapeModel):
     """A mesh of triangles (Kehoe 2014, 4.3, v).
 
     ``rt:TriangleMesh``
+
+    Attributes
+    ----------
+    is_watertight
+        Whether every edge of the mesh belongs to exactly two faces.
+    reconstruction_method
+        The name of the method by which a surface was made from measured points.
+    seen_share
+        The share of a reconstructed surface's area that was measured, 0 to 1. The rest was
+        filled in to close the surface; nobody has seen it. [UNITLESS]
     """
 
     __iri__: ClassVar[str] = _RT + "TriangleMesh"
     __required__: ClassVar[tuple[str, ...]] = ("has_blob",)
+
+    is_watertight: One[bool] = One(_RT + "isWatertight", _XSD + "boolean", functional=True)
+    reconstruction_method: One[str] = One(_RT + "reconstructionMethod", _XSD + "string", functional=True)
+    seen_share: One[float] = One(_RT + "seenShare", _XSD + "double", functional=True, unit="UNITLESS")
 
 
 class ZoneKind(ObjectTrait):

@@ -26,8 +26,8 @@ __all__ = ["NAME", "SpacePlans", "planned_from", "request_for"]
 NAME = "rtask/SpacePlans"
 _ARRAYS: Mapping[str, tuple[int, ...]] = {
     "frame_from_gripper": (4, 4),
-    "contacts": (2, 3),
-    "normals": (2, 3),
+    "contacts": (-1, 3),
+    "normals": (-1, 3),
     "features": (-1,),
 }
 
@@ -42,7 +42,7 @@ class SpaceGrasp(Answer):
     depth: Annotated[float, Unit("m")]
     """how far the fingertips reach past the first surface"""
     contacts: Array | None = None
-    """two points, x, y, z each, m; null where they are not known"""
+    """points that jaws or fingers touch, x, y, z each, m; null for a cup or where not known"""
     normals: Array | None = None
     """out of the object at the contacts; null where they are not known"""
     source: str
@@ -116,7 +116,8 @@ class SpacePlans(Service):
         kind
             Its format.
         gripper
-            As a gripper file has it; default: that of the Panda.
+            As a gripper file has it, of jaws, a suction cup or three fingers; default: that of the
+            Panda.
         position_std
             Standard deviation of the object's position; default: that of `rtask grasp space`.
         rotation_std
@@ -141,7 +142,7 @@ class SpacePlans(Service):
         from grasp.batch import BatchPlan, MeshFile
         from grasp.spatial.grasp_plan import SpatialOptions
         from grasp.spatial.gripper import panda_hand
-        from grasp.spatial.gripper_files import gripper_from_data
+        from grasp.spatial.gripper_files import end_effector_from_data
         from grasp.spatial.scoring.confidence import PoseNoise
 
         usual = PoseNoise()
@@ -150,7 +151,7 @@ class SpacePlans(Service):
             usual.rotation_std if rotation_std is None else rotation_std,
         )
         try:
-            hand = panda_hand() if gripper is None else gripper_from_data(gripper)
+            hand = panda_hand() if gripper is None else end_effector_from_data(gripper)
         except ValueError as error:
             raise ServiceError(f"gripper: {error}", field="gripper") from error
         options = SpatialOptions(
@@ -173,7 +174,7 @@ def request_for(batch: BatchPlan, file: MeshFile) -> dict[str, Any]:
     ServiceError
         The batch says something that a request cannot.
     """
-    from grasp.spatial.gripper_files import gripper_to_data
+    from grasp.spatial.gripper_files import end_effector_to_data
 
     given = batch.options
     if given.reachable is not None or (given.quality, given.weighting) != ("closure", "plain"):
@@ -183,7 +184,7 @@ def request_for(batch: BatchPlan, file: MeshFile) -> dict[str, Any]:
         raise ServiceError("a covariance of the pose cannot be sent to a server")
     return {
         "mesh": base64.b64encode(file.contents).decode("ascii"), "kind": file.kind,
-        "gripper": gripper_to_data(batch.gripper),
+        "gripper": end_effector_to_data(batch.gripper),
         "position_std": noise.position_std, "rotation_std": noise.rotation_std,
         "samples": given.samples, "tries": given.tries, "grasps": given.most,
         "scale": batch.scale, "floating": batch.floating, "name": file.name, "seed": given.seed,

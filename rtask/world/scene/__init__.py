@@ -7,11 +7,11 @@ and as OpenUSD text.
 from __future__ import annotations
 
 from rtask.world.scene.glb import glb
-from rtask.world.scene.nodes import Scene, SceneNode, Unplaced
+from rtask.world.scene.nodes import Scene, SceneNode, SceneSurface, Unplaced
 from rtask.world.scene.reading import read_scene
 from rtask.world.scene.usda import usda
 
-__all__ = ["FORMATS", "Scene", "SceneNode", "Unplaced", "glb", "read_scene", "usda"]
+__all__ = ["FORMATS", "Scene", "SceneNode", "SceneSurface", "Unplaced", "glb", "read_scene", "usda"]
 
 FORMATS = {"glb": "model/gltf-binary", "usda": "model/vnd.usda"}
 """Media type of each format, by the suffix of its files."""

@@ -1,8 +1,9 @@
 """Binary glTF 2.0 of a scene.
 
-Boxes of things are triangles, axes of frames and grippers of grasps are lines; each node carries
-its IRI, its kind and what else is known of it in ``extras``. Above the root frame, in which z is
-up, stands a node that turns it into glTF's axes, where y is up (glTF 2.0, 3.4).
+Boxes and surfaces of things are triangles, with what nobody has seen of a surface in grey; axes of
+frames and grippers of grasps are lines; each node carries its IRI, its kind and what else is known
+of it in ``extras``. Above the root frame, in which z is up, stands a node that turns it into glTF's
+axes, where y is up (glTF 2.0, 3.4).
 """
 
 from __future__ import annotations
@@ -14,7 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rtask.world.scene.nodes import AXIS_M, Scene, SceneNode, box_corners, grasp_lines
+from rtask.world.scene.nodes import (
+    AXIS_M,
+    Scene,
+    SceneNode,
+    SceneSurface,
+    box_corners,
+    grasp_lines,
+)
 
 __all__ = ["glb"]
 
@@ -26,6 +34,7 @@ _GLTF_FROM_ROOT = np.array(
 )  # fmt: skip
 _RED, _GREEN, _BLUE = (0.76, 0.25, 0.05), (0.08, 0.5, 0.24), (0.11, 0.31, 0.85)
 _THING, _DOUBTFUL, _GRASP = (0.55, 0.65, 0.8), (0.75, 0.75, 0.75), (0.85, 0.55, 0.1)
+_UNSEEN = (0.62, 0.62, 0.62)
 # Faces as corners of a box in the order of `box_corners`, counter-clockwise from outside.
 _FACES = np.array([
     (0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3),
@@ -97,6 +106,9 @@ class _Document:
             key, build = "axes", self._axes
         elif node.kind == "grasp":
             key, build = ("grasp", node.opening_m), lambda: self._grasp(node.opening_m)
+        elif node.surface is not None:
+            surface, colour = node.surface, _colour(node)
+            key, build = (id(surface), colour), lambda: self._surface(surface, colour)
         elif node.size_m is not None:
             size, colour = node.size_m, _colour(node)
             key, build = (size, colour), lambda: self._box(size, colour)
@@ -117,6 +129,23 @@ class _Document:
     def _grasp(self, opening_m: float) -> list[dict[str, Any]]:
         return [self._primitive(grasp_lines(opening_m).reshape(-1, 3), _LINES, _GRASP)]
 
+    def _surface(self, surface: SceneSurface, colour: tuple[float, ...]) -> list[dict[str, Any]]:
+        """Return what was seen of a surface, and what was filled in, in grey."""
+        corners = surface.vertices[surface.faces]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(across, axis=1)
+        normals = across / np.maximum(length, 1e-15)[:, None]
+        return [
+            self._primitive(
+                corners[part].reshape(-1, 3), _TRIANGLES, look, np.repeat(normals[part], 3, axis=0)
+            )
+            for part, look in (
+                (surface.seen_faces & (length > 0), colour),
+                (~surface.seen_faces & (length > 0), _UNSEEN),
+            )
+            if part.any()
+        ]
+
     def _box(
         self, size_m: tuple[float, float, float], colour: tuple[float, ...]
     ) -> list[dict[str, Any]]:
@@ -130,7 +159,7 @@ class _Document:
         points: NDArray[np.float64],
         mode: int,
         colour: tuple[float, ...],
-        normals: NDArray[np.int_] | None = None,
+        normals: NDArray[np.floating[Any]] | NDArray[np.int_] | None = None,
     ) -> dict[str, Any]:
         attributes = {"POSITION": self._accessor(points, with_bounds=True)}
         if normals is not None:

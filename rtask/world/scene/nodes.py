@@ -8,7 +8,17 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["AXIS_M", "Fact", "Kind", "Scene", "SceneNode", "Unplaced", "box_corners", "grasp_lines"]
+__all__ = [
+    "AXIS_M",
+    "Fact",
+    "Kind",
+    "Scene",
+    "SceneNode",
+    "SceneSurface",
+    "Unplaced",
+    "box_corners",
+    "grasp_lines",
+]
 
 Kind: TypeAlias = Literal["frame", "robot", "thing", "grasp"]
 Fact: TypeAlias = str | float
@@ -16,6 +26,29 @@ Fact: TypeAlias = str | float
 AXIS_M = 0.1
 """Length of the axes that are drawn for a frame, m."""
 _FINGER_M, _STEM_M, _DEFAULT_OPENING_M = 0.04, 0.04, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class SceneSurface:
+    """A surface in the frame of its node.
+
+    Parameters
+    ----------
+    vertices : (v, 3) float64, m
+    faces : (f, 3) int64
+        Counter-clockwise from outside.
+    seen : (v,) bool
+        Whether a measurement supports the vertex.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    seen: NDArray[np.bool_]
+
+    @property
+    def seen_faces(self) -> NDArray[np.bool_]:
+        """Which faces (f,) have only vertices that were seen."""
+        return np.asarray(self.seen[self.faces].all(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +67,9 @@ class SceneNode:
         centre of its footprint, at the height of its support.
     opening_m
         Of the jaws of a grasp.
+    surface
+        Reconstructed surface of a thing's product, drawn in place of the box; None if there is no
+        current one. Its parts that nobody has seen are drawn in grey.
     facts
         What else is known, by the names under which formats store it.
     """
@@ -45,6 +81,7 @@ class SceneNode:
     parent_from_node: NDArray[np.float64]
     size_m: tuple[float, float, float] | None = None
     opening_m: float = _DEFAULT_OPENING_M
+    surface: SceneSurface | None = None
     facts: dict[str, Fact] = field(default_factory=dict)
 
 

@@ -17,8 +17,9 @@ from rtask.world.frames import Rooted
 from rtask.world.names import find_frame, label_of
 from rtask.world.placement import Placement
 from rtask.world.scene.grasps import DEFAULT_GRASPS, StoredGrasp, grasps_of
-from rtask.world.scene.nodes import Fact, Kind, Scene, SceneNode, Unplaced
+from rtask.world.scene.nodes import Fact, Kind, Scene, SceneNode, SceneSurface, Unplaced
 from rtask.world.spots import Spot, Spots
+from rtask.world.surfaces import read_surface, stored_mesh
 
 if TYPE_CHECKING:
     from rtask.world.state import WorldState
@@ -32,7 +33,11 @@ _RELATIONS = {"on": "on", "in": "in", "held_by": "held by", "at": "at"}
 
 
 def read_scene(
-    world: WorldState, time_s: float, frame: str | None = None, max_grasps: int = DEFAULT_GRASPS
+    world: WorldState,
+    time_s: float,
+    frame: str | None = None,
+    max_grasps: int = DEFAULT_GRASPS,
+    surfaces: bool = True,
 ) -> Scene:
     """Return the scene at a time: a tree of frames with robots, things and their grasps.
 
@@ -46,6 +51,8 @@ def read_scene(
         Name or IRI of any frame of the tree; default: the tree in which most things are.
     max_grasps
         Grasps of a thing, those that held most often first.
+    surfaces
+        Whether to read the reconstructed surfaces of products, some 100 kB each.
 
     Raises
     ------
@@ -54,7 +61,7 @@ def read_scene(
     TooLargeError
         There are more things or frames than one scene may have.
     """
-    reader = _Reader(world, time_s)
+    reader = _Reader(world, time_s, surfaces)
     reader.read_frames()
     reader.read_exemplars()
     if frame is None:
@@ -82,10 +89,12 @@ class _Located:
 class _Reader:
     world: WorldState
     time_s: float
+    with_surfaces: bool
     _rooted: dict[str, Rooted] = field(default_factory=dict)
     _robots: dict[str, list[str]] = field(default_factory=dict)
     _located: list[_Located] = field(default_factory=list)
     _unplaced: list[Unplaced] = field(default_factory=list)
+    _surfaces: dict[str, SceneSurface | None] = field(default_factory=dict)
 
     def read_frames(self) -> None:
         """Read the tree of frames, and on which of them robots stand."""
@@ -151,7 +160,8 @@ class _Reader:
         for thing in shown:
             product = products[thing.iri]
             add("thing", thing.iri, thing.parent, thing.parent_from_exemplar,
-                size_m=self._size(product), facts=self._facts(thing, product))  # fmt: skip
+                size_m=self._size(product), surface=self._surface(product),
+                facts=self._facts(thing, product))  # fmt: skip
             for grasp in grasps.get(product, ()):
                 _add_grasp(nodes, number[thing.iri], grasp)
         others = sorted((tree, count) for tree, (count, _) in self._trees().items() if tree != root)
@@ -208,6 +218,18 @@ class _Reader:
             "poseOf": "thing" if placement.frame_from_subject is not None else "place",
         }  # fmt: skip
         return {name: value for name, value in facts.items() if value != ""}
+
+    def _surface(self, product: str) -> SceneSurface | None:
+        """Return the current surface of a product; equal products share it."""
+        if self.with_surfaces and product and product not in self._surfaces:
+            stored = stored_mesh(self.world.kb, iri(product))
+            read = None
+            if stored is not None and stored.is_current:
+                read = read_surface(self.world.kb, stored.blob)
+            self._surfaces[product] = (
+                None if read is None else SceneSurface(read.vertices, read.faces, read.seen)
+            )
+        return self._surfaces.get(product)
 
     def _size(self, product: str) -> tuple[float, float, float] | None:
         if not product:

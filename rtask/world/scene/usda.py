@@ -1,8 +1,8 @@
 """OpenUSD text (``.usda``) of a scene.
 
 Each node is an ``Xform`` with its IRI and kind as attributes ``rtask:iri`` and ``rtask:kind`` and
-its name as ``displayName``; below it, a ``Mesh`` draws a thing's box, and ``BasisCurves`` draw the
-axes of a frame and the gripper of a grasp. Metres, z up.
+its name as ``displayName``; below it, a ``Mesh`` draws a thing's surface or box, and
+``BasisCurves`` draw the axes of a frame and the gripper of a grasp. Metres, z up.
 """
 
 from __future__ import annotations
@@ -16,7 +16,15 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rtask.world.scene.nodes import AXIS_M, Fact, Scene, SceneNode, box_corners, grasp_lines
+from rtask.world.scene.nodes import (
+    AXIS_M,
+    Fact,
+    Scene,
+    SceneNode,
+    SceneSurface,
+    box_corners,
+    grasp_lines,
+)
 
 __all__ = ["usda"]
 
@@ -26,6 +34,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 _FACES = (0, 1, 3, 2, 4, 6, 7, 5, 0, 4, 5, 1, 2, 3, 7, 6, 0, 2, 6, 4, 1, 5, 7, 3)
 """Corners of the faces of a box, in the order of `box_corners`, counter-clockwise from outside."""
 _COLOURS = {"frame": (0.4, 0.4, 0.4), "grasp": (0.85, 0.55, 0.1), "thing": (0.55, 0.65, 0.8)}
+_UNSEEN = (0.62, 0.62, 0.62)
 
 
 def usda(scene: Scene) -> str:
@@ -102,6 +111,8 @@ def _shape(node: SceneNode) -> list[str]:
         return _curves(axes, colour)
     if node.kind == "grasp":
         return _curves(grasp_lines(node.opening_m), colour)
+    if node.surface is not None:
+        return _surface(node.surface, _COLOURS[node.kind])
     if node.size_m is None:
         return []
     corners = box_corners(node.size_m)
@@ -113,6 +124,22 @@ def _shape(node: SceneNode) -> list[str]:
         f"{_INDENT}int[] faceVertexIndices = [{', '.join(map(str, _FACES))}]",
         f"{_INDENT}point3f[] points = [{_points(corners)}]",
         f'{_INDENT}uniform token subdivisionScheme = "none"', f"{_INDENT}{colour}", "}",
+    ]  # fmt: skip
+
+
+def _surface(surface: SceneSurface, colour: tuple[float, float, float]) -> list[str]:
+    """Return a mesh with a colour for each face: grey for what nobody has seen."""
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    colours = ", ".join(_tuple(colour if seen else _UNSEEN) for seen in surface.seen_faces)
+    return [
+        'def Mesh "shape"', "{",
+        f"{_INDENT}float3[] extent = [{_points(np.array([low, high]))}]",
+        f"{_INDENT}int[] faceVertexCounts = [{', '.join('3' for _ in surface.faces)}]",
+        f"{_INDENT}int[] faceVertexIndices = [{', '.join(map(str, surface.faces.ravel()))}]",
+        f"{_INDENT}point3f[] points = [{_points(surface.vertices.round(6))}]",
+        f'{_INDENT}uniform token subdivisionScheme = "none"',
+        f"{_INDENT}color3f[] primvars:displayColor = [{colours}] (interpolation = \"uniform\")",
+        "}",
     ]  # fmt: skip
 
 

@@ -172,6 +172,7 @@ def _remember(forms: Forms) -> None:
     assert ask("report_refusal", refusal=refused, response="left_alone")["stored"] == 1
     assert ask("plan_in_space", object=thing, gripper_id="right_hand") is not None
     assert ask("plan_on_scene", again, gripper_id="right_hand", **SIGHT) is not None
+    assert ask("reconstruct_mesh", object=thing)["mesh"]
     assert ask("resolve_request", wanted="tin", gripper_id="right_hand") is not None
     assert ask("where_is", name="tea tin") is not None
     said = {"verdict": "confirm", "object": thing, "grasp": grasp["id"], "operator": "ann"}
@@ -202,6 +203,7 @@ def _remember(forms: Forms) -> None:
     seen = [{"object": "urn:lab/object/1", "pose": pose}]
     (cup,) = ask("report_sightings", frame="table", seen=seen)["things"]
     assert ask("trace_thing", name=cup)["places"]
+    assert ask("show_world")["nodes"]
     assert ask("locate_frame", frame="table")["known"]
     assert [one["state"] for one in ask("list_plans")["plans"]] == ["running"]
     assert ask("cancel_plan", plan=stored, reason="enough")["commit"]

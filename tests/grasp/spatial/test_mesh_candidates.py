@@ -233,7 +233,7 @@ def test_a_wrong_guess_of_the_hidden_side_does_not_take_away_what_is_seen(monkey
     right = plan_on_cloud(*asked)
     assert right[0].completed
 
-    def wall(cloud):
+    def wall(cloud, guesses=None):
         """A guess that is wider than the hand opens, along x and along y."""
         lump = box_mesh((0.12, 0.12, 0.06)).sample(8000, np.random.default_rng(1))
         return cloud.with_points(lump[0], box_mesh((0.12, 0.12, 0.06)).normals[lump[1]])

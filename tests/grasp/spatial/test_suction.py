@@ -246,10 +246,6 @@ def test_the_command_plans_for_a_cup_and_says_what_it_cannot_do(tmp_path: Path) 
     assert done.exit_code == 0, done.output
     assert json.loads(done.output)["grasps"]
     for more, words in (
-        (
-            ["space", str(mesh), "--save-grasps", str(tmp_path / "g.h5")],
-            "--save-grasps is for grippers",
-        ),
         (["space", cloud, "--classifier", "shipped"], "--classifier is for grippers"),
         (["scene", str(mesh), "--viewpoint", "0", "0", "1"], "a scene is the cloud of a table"),
     ):

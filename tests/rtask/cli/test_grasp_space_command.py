@@ -369,6 +369,22 @@ def test_the_cloud_of_a_table_gives_grasps_of_each_thing(tmp_path: Path) -> None
     assert "Missing option '--viewpoint'" in blind.output
 
 
+def test_grasps_of_a_view_are_ranked_over_the_shapes_it_may_have(tmp_path: Path) -> None:
+    from grasp.spatial.meshes.shapes import box_mesh
+
+    points = box_mesh((0.04, 0.06, 0.05)).sample(6000, np.random.default_rng(0))[0]
+    seen = points[(points[:, 0] > 0.0199) | (points[:, 2] > 0.0249)]
+    np.save(tmp_path / "view.npy", seen)
+    usual = (str(tmp_path / "view.npy"), "--samples", "10", "--json", "--shapes", "6")
+    ranked = json.loads(_run(*usual, "--viewpoint", "0.4", "0", "0.4").stdout)
+    values = [grasp["carry"] for grasp in ranked["grasps"]]
+    assert values[0] > values[-1]
+    assert all(0 <= grasp["lift_chance"] <= 1 for grasp in ranked["grasps"])
+    blind = json.loads(_run(*usual).stdout)
+    assert "no shapes were sampled: needs a support and a viewpoint" in blind["notes"]
+    assert "carry" not in blind["grasps"][0]
+
+
 def test_grippers_and_grasps_come_from_files(tmp_path: Path) -> None:
     pytest.importorskip("h5py")
     mesh = _box(tmp_path / "box.obj", (0.04, 0.12, 0.08))
@@ -392,6 +408,9 @@ def test_grippers_and_grasps_come_from_files(tmp_path: Path) -> None:
         (["--viewpoint", "nan", "0", "0"], "--viewpoint nan 0.0 0.0: expected numbers, m"),
         (["--viewpoint", "1", "0", "0"], "--viewpoint is about clouds"),
         (["--classifier", "shipped"], "--classifier is about clouds"),
+        (["--shapes", "24"], "--shapes is about clouds"),
+        (["--shapes", "24", "--classifier", "shipped"], "--shapes and --classifier both rank"),
+        (["--shapes", "24", "--gripper", "suction:0.01"], "--shapes is about clouds"),
         (["--save-grasps", "/nowhere/x.h5"], "--save-grasps /nowhere/x.h5: there is no folder"),
         (["--scale", "1e300"], "is a scale of 1e+300 m per unit right?"),
     ],

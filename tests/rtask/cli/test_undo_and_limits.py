@@ -87,6 +87,22 @@ def test_a_history_says_which_commits_are_not_kept(
     assert "no longer kept" not in run("history", "urn:nobody", "--since", "2")[2]
 
 
+def test_a_withdrawal_since_a_time_that_is_no_longer_kept_is_refused(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rtask.kb.feed.feed import Feed
+
+    kept = run("history")[1]
+    monkeypatch.setattr(Feed, "oldest_retained", lambda self: 3)
+    given = ("contributors", "withdraw", "nao-1", "--since", "2020-01-01")
+    code, out, err = run(*given)
+    assert (code, out) == (3, "")
+    assert "since: commits before 3 are no longer kept" in err
+    assert len(err.splitlines()) == 1
+    monkeypatch.undo()
+    assert run("history")[1] == kept
+
+
 def test_a_merge_is_undone_by_what_the_merge_printed(run: Run) -> None:
     _, _, err = run("objects", "merge", "mug 1", "mug 2")
     assert len(json.loads(run("objects", "list", "--json")[1])) == 3

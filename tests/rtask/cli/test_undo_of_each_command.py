@@ -20,7 +20,7 @@ _UNDONE = {
     "branch make", "branch merge",
     "contributors withdraw", "dataset merge", "dataset prune", "dataset put", "dataset remove",
     "dataset restore", "episodes import", "feedback", "grasp push", "grasp space", "load",
-    "migrate", "objects forget", "objects merge", "objects name", "objects split",
+    "migrate", "objects forget", "objects merge", "objects mesh", "objects name", "objects split",
     "objects twins", "objects undo", "ontology unload", "ontology upgrade", "plan",
     "proposals adopt", "questions answer", "robot add", "robot remove", "robot restore",
     "rules add", "rules remove", "tasks cancel", "teach", "token create", "token expire", "undo",

@@ -66,6 +66,7 @@ def test_what_reads_commits_nothing_and_what_records_or_writes_commits(kb, spied
     call("recall_grasps", nao, object=thing)
     call("plan_in_space", nao, object=thing, gripper_id="right_hand", samples=20)
     call("plan_on_scene", nao, gripper_id="right_hand", **box)
+    assert call("reconstruct_mesh", nao, object=thing)["commit"]
     call("search_object", nao, data=box["data"])
     call("resolve_request", nao, wanted="box", gripper_id="right_hand")
     assert call("where_is", nao, name="box")["known"]
@@ -73,6 +74,7 @@ def test_what_reads_commits_nothing_and_what_records_or_writes_commits(kb, spied
     seen = {"object": thing, "pose": pose}
     (other,) = call("report_sightings", nao, frame="base_footprint", seen=[seen])["things"]
     assert call("trace_thing", nao, name=other)["places"]
+    assert call("show_world", nao)["nodes"]
     call("report_outcome", nao, object=thing, grasp=stored["grasp"], outcome={"success": True})
     call("give_feedback", TEACHER, object=thing, verdict="confirm")
     call("teach_object", TEACHER, operation="search", class_description="box", data=box["data"])

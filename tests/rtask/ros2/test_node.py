@@ -11,12 +11,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 
 from rtask.cli.ros.schema import engine_schema
 from rtask.client.base import RULES
 from rtask.errors import UsageError
 from rtask.interop.ros.operations import OperationHandler
+from rtask.rdf.namespaces import PREFIXES
 from rtask.ros2.contract import Contract
 from rtask.ros2.node import GraphNode, NodeOptions
 from tests.rtask.ros2.standin import World, install
@@ -220,3 +222,21 @@ def test_views_and_poses_are_forgotten_when_the_time_jumps_back(world, node):
     [jumped] = node.node.clock.jumped
     jumped(jump)
     assert world.log == ["the time jumped back: views and transforms are gone"]
+
+
+def test_the_world_is_published_as_markers_once_somebody_listens(world, node, server):
+    told = f"""{PREFIXES} INSERT DATA {{ <urn:lab/map> a rt:Frame ; rt:frameId "map" .
+      <urn:lab/nao> a cora:Robot ; rt:name "nao-9" ; rt:bodyFrame <urn:lab/map> }}"""
+    httpx.post(f"{server.url}/update", data={"update": told}, timeout=60).raise_for_status()
+    start(node)
+    [tick] = node.node.timers
+    shown = world.publishers["rtask/world"]
+    for _ in range(5):  # once a second
+        tick()
+    assert shown.messages.empty()
+    shown.listeners = 1
+    for _ in range(5):
+        tick()
+    markers = shown.messages.get(timeout=WAIT_S).markers
+    assert {marker.header.frame_id for marker in markers} == {"map"}
+    assert {marker.text for marker in markers} == {"", "map", "nao-9"}

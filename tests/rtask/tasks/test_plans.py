@@ -15,7 +15,19 @@ from rtask.rdf.terms import iri
 from rtask.tasks.actions import read_actions
 from rtask.tasks.behaviour_tree import behaviour_tree
 from rtask.tasks.patterns import parse_pattern
-from tests.rtask.tasks.conftest import BASE, CUP, JUG, LAB, LEFT, NAO, PANDA, PEN, RIGHT, TABLE
+from tests.rtask.tasks.conftest import (
+    BASE,
+    CUP,
+    JUG,
+    LAB,
+    LEFT,
+    NAO,
+    PANDA,
+    PEN,
+    RIGHT,
+    TABLE,
+    placed,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -94,6 +106,24 @@ def test_what_no_hand_can_hold_is_refused_with_the_measures_of_each_robot(kb):
     assert refusal.by_robot[PANDA] == "it is not known that panda-1 reaches left box"
     assert refusal.missing == ((PANDA, RT.reaches.value, LEFT),)
     assert "rtask update 'INSERT DATA" in refusal.text
+
+
+def test_what_can_be_done_of_a_goal_is_planned_beside_what_cannot(kb):
+    plan = kb.tasks.plan("the jug and every cup into the left box")
+    assert not plan.is_complete
+    assert len(plan.refusals) == 1
+    assert {step.arguments["thing"] for step in plan.steps} == {CUP}
+    assert plan.text.index("not possible") < plan.text.index("the rest can be done")
+
+
+def test_a_kind_in_a_goal_means_what_is_called_so_and_says_it():
+    with kb_of(
+        f"<{BASE}object/9> a rt:ManipulableObject ; rt:name 'cup-9' ; rt:graspWidth 0.04e0 ; "
+        f"rt:mass 0.1e0 . {placed(9, LEFT)}"
+    ) as graph:
+        plan = graph.tasks.plan("every cup onto the table")
+    assert plan.understood == ("all: cup (and 1 only called so): at table",)
+    assert {step.arguments["thing"] for step in plan.steps} == {CUP, f"{BASE}thing/9"}, plan.text
 
 
 def test_what_was_not_looked_into_for_a_reason_is_said(kb, monkeypatch):
@@ -211,7 +241,7 @@ def test_a_stored_plan_is_a_valid_tree_of_tasks_in_order():
         assert [local_name(str(row.value("kind"))) for row in rows] == ["Grasp", "Place"] * 2
         assert [row.value("who") for row in rows] == [PANDA, PANDA, NAO, NAO]
         assert graph.query(f"ASK {{ <{root}/1> {RT.precedes} <{root}/4> }}")
-        with pytest.raises(UsageError, match="only a plan that has steps"):
+        with pytest.raises(UsageError, match="only a plan for the whole goal"):
             graph.tasks.store(graph.tasks.plan("the jug into the left box"))
 
 

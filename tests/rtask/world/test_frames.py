@@ -193,6 +193,22 @@ def test_a_table_that_was_pushed_makes_what_stood_on_it_less_sure(lab, state):
     assert after < 0.95 * before
 
 
+def test_what_happens_near_a_thing_on_a_table_counts_in_the_frame_of_the_table(lab, state):
+    state("table", "map", (1.0, 0.0), -100)
+    cup = lab.see(lab.cup, 0.3, 0.1, 0, frame=lab.table)
+    fresh = lab.ask(cup, 40).exemplars[0].still_there
+    # The same numbers in the map are a metre away.
+    lab.see(lab.box, 0.3, 0.2, 20, frame=lab.map)
+    elsewhere = lab.ask(cup, 40).exemplars[0].still_there
+    assert elsewhere == fresh
+    lab.see(lab.box, 0.3, 0.2, 30, frame=lab.table)
+    beside = lab.ask(cup, 40).exemplars[0]
+    assert beside.still_there < 0.95 * fresh
+    asked_in_map = lab.ask(cup, 40, frame="map").exemplars[0]
+    assert asked_in_map.still_there == beside.still_there, "the frame of the answer is no matter"
+    assert lab.ask(cup, 25).exemplars[0].still_there > beside.still_there, "that was before"
+
+
 def test_a_robot_that_walked_sees_the_same_thing_and_others_may_confirm_it(lab, state):
     state("base", "map", (1.0, 0.0), -100, NAO)
     state("nao-2/base", "map", (2.0, 0.0), -100)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import ast
 import io
+import re
 from typing import Any
 
 import numpy as np
 import pytest
 
+from features.modelling import mesh_to_ply
 from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.world.scene import Scene, SceneNode, glb, usda
@@ -110,6 +112,52 @@ def test_trimesh_finds_things_and_grasps_of_the_glb_at_their_places(lab: Lab, sc
     # glTF has y up: the cups stand on the floor and are 10 cm high.
     cup = boxes[0].copy().apply_transform(read.graph[cups[0]][0])
     assert np.allclose(cup.bounds[:, 1], [0.0, 0.1], atol=1e-6)
+
+
+def with_surface(lab: Lab, is_current: bool = True) -> Scene:
+    """Return the scene after the cup got a surface, a tetrahedron with one corner unseen."""
+    corners = 0.09 * np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1.0)])
+    faces = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
+    seen = np.array([False, True, True, True])
+    data = mesh_to_ply(corners, faces, np.full((4, 3), 90, np.uint8), seen)
+    blob = lab.kb.blobs.put(data, "model/ply").iri.value
+    model = f"{BASE}model/1"
+    made_from = model if is_current else f"{BASE}model/0"
+    lab.kb.update(f"""{PREFIXES} INSERT DATA {{ GRAPH <{BASE}graph/shared> {{
+      <{lab.cup}> rt:hasModel <{model}> ; rt:hasFeature <{BASE}mesh/1> .
+      <{model}> rt:hasBlob <{blob}> .
+      <{BASE}mesh/1> a rt:TriangleMesh ; rt:hasBlob <{blob}> ; rt:seenShare 0.25e0 ;
+        rt:medianResidual 0.001e0 ; rt:residual90 0.002e0 ; rt:isWatertight true ;
+        prov:wasDerivedFrom <{made_from}> }} }}""")
+    return lab.kb.world.scene(lab.noon + 100.0)
+
+
+def test_trimesh_finds_the_surface_of_a_thing_with_what_was_filled_in_apart(
+    lab: Lab, scene: Scene
+) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    assert not any(node.surface for node in scene.nodes)
+    read = trimesh.load(io.BytesIO(glb(with_surface(lab))), file_type="glb")
+    parts = [g for name, g in read.geometry.items() if name.startswith("thing")]
+    assert sorted(len(part.faces) for part in parts) == [1, 3]
+    (seen,) = [part for part in parts if len(part.faces) == 1]
+    assert np.allclose(sorted(seen.extents), [0.09] * 3, atol=1e-6)
+    grey = next(p for p in parts if len(p.faces) == 3).visual.material.baseColorFactor
+    assert len(set(grey[:3].tolist())) == 1
+    bare = lab.kb.world.scene(lab.noon + 100.0, surfaces=False)
+    assert not any(node.surface for node in bare.nodes)
+
+
+def test_a_stale_surface_is_not_drawn(lab: Lab, scene: Scene) -> None:
+    assert not any(node.surface for node in with_surface(lab, is_current=False).nodes)
+
+
+def test_usd_text_has_a_surface_with_grey_where_it_was_not_seen(lab: Lab, scene: Scene) -> None:
+    text = usda(with_surface(lab))
+    colours = re.findall(r"displayColor = \[(.*)\] \(interpolation = \"uniform\"\)", text)
+    assert len(colours) == 2
+    assert colours[0].count("(0.62, 0.62, 0.62)") == 3
+    assert text.count("int[] faceVertexIndices = [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3]") == 2
 
 
 def test_usd_text_has_each_node_with_its_iri(scene: Scene) -> None:

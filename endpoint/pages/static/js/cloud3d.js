@@ -5,8 +5,26 @@ import { solidHand } from "./solid_hand.js";
 const UP = [0, 0, 1];
 const PICK_PX = 24;
 const FIELD_DEG = 40;
+const LIGHT = [0.36, -0.48, 0.8];
 const SEEN_M = 0.13; // at least so much is seen: a hand is larger than many things
 const SPLAT = 1 / Math.tan((FIELD_DEG * Math.PI) / 360); // the library's size of points leaves the field of view out
+
+/** Colours of corners under a light from above and the front, so that a shape shows without its print. */
+function shaded({ positions, faces }, colours) {
+  const normals = new Float32Array(positions.length);
+  const corner = (k) => positions.subarray(3 * k, 3 * k + 3);
+  for (let f = 0; f < faces.length; f += 3) {
+    const [a, b, c] = [corner(faces[f]), corner(faces[f + 1]), corner(faces[f + 2])];
+    const [u, v] = [b, c].map((p) => [p[0] - a[0], p[1] - a[1], p[2] - a[2]]);
+    const across = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    for (let k = f; k < f + 3; k += 1) across.forEach((value, axis) => (normals[3 * faces[k] + axis] += value));
+  }
+  return colours.map((value, at) => {
+    const [x, y, z] = normals.subarray(at - (at % 3), at - (at % 3) + 3);
+    const towards = (LIGHT[0] * x + LIGHT[1] * y + LIGHT[2] * z) / (Math.hypot(x, y, z) || 1);
+    return value * (0.6 + 0.4 * towards);
+  });
+}
 
 /**
  * @param {object} three the bundled library
@@ -50,7 +68,17 @@ export function cloudIn3D(three, place, onPick) {
     const geometry = new three.BufferGeometry();
     geometry.setAttribute("position", new three.Float32BufferAttribute(cloud.positions, 3));
     // The library mixes colours as light, pictures store them as perceived.
-    geometry.setAttribute("color", new three.Float32BufferAttribute(colours.map((value) => value ** 2.2), 3));
+    const light = colours.map((value) => value ** 2.2);
+    // A bundle made before surfaces were drawn has no Mesh: then the corners are shown.
+    if (cloud.faces.length && three.Mesh) {
+      geometry.setAttribute("color", new three.Float32BufferAttribute(shaded(cloud, light), 3));
+      geometry.setIndex(new three.Uint32BufferAttribute(cloud.faces, 1));
+      points = new three.Mesh(geometry, new three.MeshBasicMaterial({ vertexColors: true }));
+      scene.add(points);
+      redraw();
+      return;
+    }
+    geometry.setAttribute("color", new three.Float32BufferAttribute(light, 3));
     const size = Math.hypot(...cloud.high.map((value, axis) => value - cloud.low[axis]));
     // Half of the box's area is about what is seen of its surface; splats twice as wide as their distance close it.
     const splat = Math.min(Math.max((2 * size) / Math.sqrt(2 * cloud.count), size / 250), size / 40);

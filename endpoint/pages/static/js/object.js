@@ -3,7 +3,7 @@
 import { cloudIn2D } from "./cloud2d.js";
 import { cloudIn3D } from "./cloud3d.js";
 import { element } from "./dom.js";
-import { byHeight, fetchCloud } from "./ply.js";
+import { byHeight, fetchCloud, greyWhereUnseen } from "./ply.js";
 
 const TURN = Math.PI / 12;
 const root = document.querySelector("[data-cloud]");
@@ -73,7 +73,12 @@ function onKey(event, focus) {
 async function show(keepCamera) {
   note.textContent = "fetching the cloud …";
   try {
-    cloud = await fetchCloud(`/object/cloud.ply?${new URLSearchParams({ iri: root.dataset.cloud, view: source.value })}`);
+    const iri = root.dataset.cloud;
+    cloud = await fetchCloud(
+      source.value === "surface"
+        ? `/object/mesh.ply?${new URLSearchParams({ iri })}`
+        : `/object/cloud.ply?${new URLSearchParams({ iri, view: source.value })}`,
+    );
   } catch (error) {
     note.textContent = `No cloud: ${error.message}`;
     return;
@@ -81,14 +86,17 @@ async function show(keepCamera) {
   const size = cloud.high.map((value, axis) => ((value - cloud.low[axis]) * 100).toFixed(1));
   // What one view shows of an object is another size than the object's, which the page states.
   const extents = "sized" in root.dataset ? "" : `, ${size.join(" × ")} cm`;
-  note.textContent = `${cloud.count.toLocaleString("en")} points${extents}. ${place.dataset.kind}`;
+  const parts = cloud.faces.length
+    ? `${(cloud.faces.length / 3).toLocaleString("en")} triangles; grey: filled in, nobody saw it`
+    : `${cloud.count.toLocaleString("en")} points`;
+  note.textContent = `${parts}${extents}. ${place.dataset.kind}`;
   colour();
   if (!keepCamera) view.lookAt(cloud, state.get("camera")?.split(",").map(Number));
   view.showGrippers(grasps, selected);
 }
 
 function colour() {
-  if (cloud) view.showCloud(cloud, paint.value === "height" ? byHeight(cloud) : cloud.colours);
+  if (cloud) view.showCloud(cloud, greyWhereUnseen(cloud, paint.value === "height" ? byHeight(cloud) : cloud.colours));
 }
 
 async function newView() {

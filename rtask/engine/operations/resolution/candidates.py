@@ -181,6 +181,9 @@ def _fitting(senses: Sequence[Sense]) -> str:
     """Return the pattern of objects that fit all senses."""
     parts = []
     for k, sense in enumerate(senses):
+        if sense.kind == "print":
+            parts.append(f"VALUES ?object {{ {values(sense.terms)} }}")
+            continue
         path = PROPERTIES[sense.kind]
         parts.append(f"VALUES ?term{k} {{ {values(sense.terms)} }} ?object {path} ?term{k} .")
     without_exemplar = "FILTER NOT EXISTS { ?object a rt:Exemplar }"

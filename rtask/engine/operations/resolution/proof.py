@@ -25,6 +25,9 @@ def proof(
     object_iri = iri(best.iri)
     lines = []
     for sense in meant.senses:
+        if sense.kind == "print":
+            lines.append(f'{object_iri} shows the print "{sense.words}", as read on its views')
+            continue
         predicate = PROPERTIES[sense.kind]
         held = [t for t in sense.terms if context.kb.match(object_iri, predicate, iri(t))]
         for term in held[:1]:

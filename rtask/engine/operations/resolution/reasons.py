@@ -112,7 +112,8 @@ def _asked(context: Context, meant: Meaning) -> str:
         for sense in meant.senses
         if sense.kind == kind
     ]
-    return " ".join([" and ".join(kinds) or "something", *uses]) + "".join(looks)
+    says = [f' that says "{sense.words}"' for sense in meant.senses if sense.kind == "print"]
+    return " ".join([" and ".join(kinds) or "something", *uses]) + "".join([*looks, *says])
 
 
 def sentence(

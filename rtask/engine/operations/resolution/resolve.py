@@ -78,6 +78,7 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
             "functions": meant.terms("function"),
             "colours": meant.terms("colour"),
             "traits": meant.terms("trait"),
+            "printed": [sense.words for sense in meant.senses if sense.kind == "print"],
             "ignored": list(meant.ignored),
         },
         explanation={

@@ -26,6 +26,7 @@ _CALLS = {
     "dataset restore": "lab/x@1", "dataset show": "lab/x", "dataset snapshot": "lab/x",
     "entails": "urn:a urn:p 1", "episodes ask": "1", "episodes export": "out.mcap",
     "explain": "urn:a urn:p 1", "objects forget": "x", "objects merge": "x y",
+    "objects mesh": "x",
     "objects name": "x --as y", "objects show": "x", "objects split": "x v",
     "objects undo": "c-1", "ontology show": "Mug", "ontology unload": "urn:o",
     "ontology upgrade": "f.ttl", "plan": "every cup into the box", "proposals adopt": "1",

@@ -51,6 +51,7 @@ _TERMS: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("objects forget", "views"): (_VIEW, "objects forget kb:object/1 {}"),
     ("objects merge", "name"): (_MUG, "objects merge {} kb:object/2"),
     ("objects merge", "into"): (_MUG, "objects merge kb:object/2 {}"),
+    ("objects mesh", "name"): (_MUG, "objects mesh {}"),
     ("objects name", "name"): (_MUG, "objects name {} --as cup"),
     ("objects show", "name"): (_MUG, "objects show {}"),
     ("objects split", "name"): (_MUG, "objects split {} kb:view/1"),

@@ -9,10 +9,10 @@ import pytest
 
 import rtask
 from rtask.engine import Engine
-from rtask.errors import ForbiddenError, UnknownTermError, UsageError
+from rtask.errors import ForbiddenError, GoneError, UnknownTermError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RT
-from rtask.rdf.terms import iri
+from rtask.rdf.terms import iri, moment
 
 ANN, BOB = Access("ann", "teacher"), Access("bob", "teacher")
 GRASP = {"in_object": {"x": 0.01, "y": 0.0, "z": 0.03, "theta": 1.57}, "quality": 0.6,
@@ -325,3 +325,37 @@ def test_four_robots_less_one_are_three(bench, rounds):
             return counts
 
     assert told_by(["nao-1", "nao-2", "nao-3", "nao-4"]) == told_by(["nao-1", "nao-2", "nao-3"])
+
+
+def test_a_day_that_the_journal_no_longer_has_is_refused_and_nothing_is_withdrawn(
+    tmp_path, monkeypatch
+):
+    """What is stored cannot be told from what came later: nothing may be taken for it."""
+    monkeypatch.setattr("rtask.kb.durability.journal.SEGMENT_BYTES", 1_000)
+    monkeypatch.setattr("rtask.kb.durability.journal._RETAINED_BYTES", 2_000)
+    begin = dt.datetime.now(dt.UTC)
+    with (
+        rtask.open(tmp_path / "kb", base="https://example.org/kb/", reason=False, flush="os") as kb,
+        Engine(kb) as engine,
+    ):
+        for number in range(12):
+            kb.update(f"INSERT DATA {{ <urn:thing/{number}> <urn:p> '{'x' * 400}' }}", "nao-1")
+        kb.checkpoint()
+        oldest = kb.feed.oldest_retained()
+        assert oldest > 1
+        before = told(engine, "nao-1")
+        asked = {"contributor": "nao-1", "since": begin.timestamp()}
+        with pytest.raises(GoneError, match=f"commits before {oldest} are no longer kept") as error:
+            engine.call("withdraw_contributor", asked, ANN)
+        assert error.value.details["oldest"] == oldest
+        with pytest.raises(GoneError):
+            engine.call(
+                "withdraw_contributor",
+                {"contributor": "nao-1", "until": dt.datetime.now(dt.UTC).timestamp()}, ANN,
+            )  # fmt: skip
+        assert told(engine, "nao-1") == before
+        # From the first commit that is kept on, the journal tells everything.
+        first = kb.history(since=oldest - 1, upto=oldest)[0]
+        kept = {"contributor": "nao-1", "since": moment(first.time).timestamp()}
+        assert engine.call("withdraw_contributor", kept, ANN).as_json()["commit"]
+        assert 0 < len(told(engine, "nao-1")) < len(before)

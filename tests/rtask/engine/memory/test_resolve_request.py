@@ -91,7 +91,8 @@ def test_a_kind_is_found_by_its_words_or_its_iri(room, wanted):
 def test_a_modal_can_is_no_can(room):
     answer = room.ask("something that I can write with")
     assert answer["understood"] == {
-        "classes": [], "functions": [RT + "write"], "colours": [], "traits": [], "ignored": [],
+        "classes": [], "functions": [RT + "write"], "colours": [], "traits": [],
+        "printed": [], "ignored": [],
     }  # fmt: skip
     assert answer["object"] == room.pencil
 
