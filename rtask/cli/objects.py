@@ -312,7 +312,8 @@ def mesh(
         print_json(done)
         return
     click.echo(
-        f"{done['mesh']}: {done['seen_share']:.0%} of it seen in {done['views']} views, "
+        f"{done['mesh']}: {done['seen_share']:.0%} of it seen in "
+        f"{done['views']} view{'' if done['views'] == 1 else 's'}, "
         f"{'closed' if done['watertight'] else 'not closed'}; measured points lie "
         f"{done['median_residual'] * 1000:.1f} mm off it, 90 % of them within "
         f"{done['residual_90'] * 1000:.1f} mm"

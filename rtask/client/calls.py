@@ -1465,6 +1465,7 @@ class Calls(ABC):
         min_confidence: float | None = None,
         max_grasps: int | None = None,
         seed: int | None = None,
+        surface: bool | None = None,
     ) -> PlannedGrasps:
         """Plan grasps in space of a known object and store them.
 
@@ -1490,6 +1491,9 @@ class Calls(ABC):
             maximum number to store; default: 10
         seed
             seed of the random numbers; default: 0
+        surface
+            plan on the reconstructed surface, if a current one is good enough, and not on the
+            cloud; default: False
         """
         answer: PlannedGrasps = self._operate("plan_in_space", locals())
         return answer

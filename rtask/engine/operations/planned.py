@@ -29,7 +29,7 @@ from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PROV, RT
 from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import Answer, Message
-from rtask.wire.types import Number, Probability, Text, Unit, Whole
+from rtask.wire.types import Flag, Number, Probability, Text, Unit, Whole
 
 if TYPE_CHECKING:
     from grasp.spatial.candidate import Contacts, GraspCandidate
@@ -76,6 +76,8 @@ class PlanInSpace(Message):
     """maximum number to store"""
     seed: Annotated[Whole, Ge(0)] = 0
     """seed of the random numbers"""
+    surface: Flag = False
+    """plan on the reconstructed surface, if a current one is good enough, and not on the cloud"""
 
 
 class PlannedGrasps(Answer):
@@ -170,7 +172,7 @@ def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> Pla
     hand = jaws_modelled(registered.gripper)
     if request.friction is not None:
         hand = with_friction(hand, request.friction)
-    shape = object_shape(context, request.object)
+    shape = object_shape(context, request.object, request.surface)
     noise = PoseNoise(request.position_std, request.rotation_std)
     candidates = shape.plan(
         hand,

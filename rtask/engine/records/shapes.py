@@ -22,6 +22,7 @@ from rtask.engine.records.objects import resolve_object
 from rtask.errors import DataError, MissingBlobError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import iri
+from rtask.world.surfaces import read_surface, stored_mesh
 
 if TYPE_CHECKING:
     from features.modelling import ObjectModel
@@ -36,6 +37,7 @@ __all__ = ["ObjectShape", "object_cloud", "object_shape"]
 
 _CLOSED, _LINES, _SLOPE = 0.9, 400, 0.4
 _NEAR_M = 0.002
+_MIN_VIEWS, _MIN_SEEN, _MAX_RESIDUAL_M = 4, 0.5, 0.003
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,13 +99,15 @@ class ObjectShape:
         return plan_on_cloud(self.points, gripper, support, eyes, options, classifier)
 
 
-def object_shape(context: Context, name: str) -> ObjectShape:
+def object_shape(context: Context, name: str, surface: bool = False) -> ObjectShape:
     """Return the best stored shape of an object.
 
     Parameters
     ----------
     name
         IRI, objectId or name.
+    surface
+        Whether a reconstructed surface that is good enough comes before the cloud.
 
     Raises
     ------
@@ -127,6 +131,9 @@ def object_shape(context: Context, name: str) -> ObjectShape:
         return ObjectShape(
             object_iri, "mesh", (stored_model[0].iri.value,), swept.vertices, swept, note=note
         )
+    reconstructed = _good_surface(context, object_iri) if surface else None
+    if reconstructed is not None:
+        return reconstructed
     if stored_model is None or len(stored_model[1].sources) < 2:
         # A single view is denser than the model made from it.
         _, points, views, eyes = _views(context, object_iri)
@@ -138,6 +145,30 @@ def object_shape(context: Context, name: str) -> ObjectShape:
     note = f"{object_iri}: {len(points)} points grown from {len(model.sources)} views"
     eyes = np.array(seen).reshape(-1, 3)
     return ObjectShape(object_iri, "model", (stored.iri.value,), points, None, eyes, note)
+
+
+def _good_surface(context: Context, object_iri: str) -> ObjectShape | None:
+    """Return the reconstructed surface of an object, if it is current and good enough to plan on.
+
+    Its bounds are those of the comparison of grasps in ``docs/benchmarks/perception.md``: nothing
+    is known of surfaces of fewer views, or of which less was seen.
+    """
+    from grasp.spatial.meshes.mesh import as_mesh
+
+    stored = stored_mesh(context.kb, iri(object_iri))
+    if stored is None or not stored.is_current or stored.views < _MIN_VIEWS:
+        return None
+    if stored.seen_share < _MIN_SEEN or stored.residual_90_m > _MAX_RESIDUAL_M:
+        return None
+    read = read_surface(context.kb, stored.blob)
+    if read is None:
+        return None
+    mesh = as_mesh(read.vertices, read.faces)
+    note = (
+        f"{object_iri}: surface of {len(mesh.faces)} faces from {stored.views} views, "
+        f"{stored.seen_share:.0%} of it seen"
+    )
+    return ObjectShape(object_iri, "mesh", (stored.iri,), mesh.vertices, mesh, note=note)
 
 
 def object_cloud(context: Context, name: str) -> tuple[str, NDArray[np.float64]]:

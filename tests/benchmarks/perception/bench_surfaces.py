@@ -1,7 +1,7 @@
 """Reconstructed surfaces against the true ones, and grasps planned on them against those on clouds.
 
     python tests/benchmarks/perception/bench_surfaces.py surfaces 0 40
-    python tests/benchmarks/perception/bench_surfaces.py grasps 0 60
+    python tests/benchmarks/perception/bench_surfaces.py grasps 0 64 4
 
 prints a line of JSON for each object; ``report FILE...`` tabulates such lines. Cameras stand around
 the object, 35 to 55 cm away and 30 to 60 degrees up; depth has the noise of a structured-light
@@ -140,7 +140,7 @@ def measure_surface(number: int) -> Iterator[dict[str, Any]]:
         yield {"name": name, "views": count, "cpu_s": spent, **figures(truth, made)}
 
 
-def measure_grasps(number: int, count: int = 8) -> Iterator[dict[str, Any]]:
+def measure_grasps(number: int, count: int) -> Iterator[dict[str, Any]]:
     """Yield how often first grasps hold that were planned on the surface, and on the cloud."""
     from simulate.study.quality.bench import draws, laid_out
     from simulate.study.quality.made_hands import studied_hand
@@ -202,9 +202,11 @@ def main() -> None:
         lines = [line for name in given for line in Path(name).read_text("utf-8").splitlines()]
         report([json.loads(line) for line in lines if line.startswith("{")])
         return
-    measure = {"surfaces": measure_surface, "grasps": measure_grasps}[what]
-    for number in range(int(given[0]), int(given[1])):
-        for row in measure(number):
+    first, last, *views = (int(word) for word in given)
+    for number in range(first, last):
+        is_of_grasps = what == "grasps"
+        rows = measure_grasps(number, *views) if is_of_grasps else measure_surface(number)
+        for row in rows:
             print(json.dumps(row, default=float), flush=True)
 
 

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import rtask
+from grasp.spatial.meshes.mesh_files import mesh_from_ply
+from rtask.cli import main
+from rtask.engine import Engine
+from rtask.engine.records.shapes import object_shape
 from rtask.errors import DataError, UnknownTermError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES, PROV, RT
@@ -132,3 +138,59 @@ def test_bytes_that_are_no_surface_are_none(engine: Any) -> None:
     blob = engine.kb.blobs.put(b"ply\nformat ascii 1.0\nend_header\n", "model/ply")
     assert read_surface(engine.kb, blob.iri.value) is None
     assert read_surface(engine.kb, "urn:sha256:" + "0" * 64) is None
+
+
+def test_a_good_surface_is_planned_on_where_that_is_asked_for(
+    bench: Any, engine: Any, known: tuple[Any, Any, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, box, thing = known
+    robot.insert(bench.sight(box.at(0.16, -0.06, -0.5)), object=thing)
+    assert object_shape(engine.context, thing, surface=True).kind == "model", "there is none"
+    made = robot.call("reconstruct_mesh", object=thing)
+    assert object_shape(engine.context, thing, surface=True).kind == "model", "two views are few"
+    monkeypatch.setattr("rtask.engine.records.shapes._MIN_VIEWS", 2)
+    monkeypatch.setattr("rtask.engine.records.shapes._MIN_SEEN", 0.3)
+    assert object_shape(engine.context, thing).kind == "model", "nobody asked for it"
+    shape = object_shape(engine.context, thing, surface=True)
+    assert (shape.kind, shape.sources) == ("mesh", (made["mesh"],))
+    assert shape.mesh is not None
+    monkeypatch.setattr("rtask.engine.records.shapes._MAX_RESIDUAL_M", 1e-6)
+    assert object_shape(engine.context, thing, surface=True).kind == "model"
+
+
+def test_a_stale_surface_is_not_planned_on(
+    bench: Any, engine: Any, known: tuple[Any, Any, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rtask.engine.records.shapes._MIN_VIEWS", 1)
+    monkeypatch.setattr("rtask.engine.records.shapes._MIN_SEEN", 0.2)
+    robot, box, thing = known
+    robot.call("reconstruct_mesh", object=thing)
+    assert object_shape(engine.context, thing, surface=True).kind == "mesh"
+    robot.insert(bench.sight(box.at(0.16, -0.06, -0.5)), object=thing)
+    assert object_shape(engine.context, thing, surface=True).kind == "model"
+
+
+def test_the_command_reconstructs_writes_a_file_and_says_how_to_undo_it(
+    bench: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, target = tmp_path / "kb", tmp_path / "box.ply"
+    with rtask.open(folder, base="urn:lab/", reason=False) as kb, Engine(kb) as engine:
+        robot = bench.Robot("nao-1", engine)
+        robot.call("register_robot", **bench.registration("nao-1", "right_hand"))
+        robot.insert(bench.sight(bench.Thing(SIZE, texture_seed=1)), name="tea box")
+
+    def run(*words: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as end:
+            main([*words, "--data", str(folder)])
+        return (int(str(end.value.code or 0)), *capsys.readouterr())
+
+    code, out, err = run("objects", "mesh", "tea box", "--out", str(target))
+    assert code == 0, err
+    assert "of it seen in 1 view, " in out
+    assert "undo: rtask undo" in err
+    mesh = mesh_from_ply(target.read_bytes())
+    assert abs(mesh.extent[2] - SIZE[2]) < 0.008
+    code, _, err = run("objects", "mesh", "tea box")
+    assert (code, "known already" in err) == (0, True)
+    assert "--again" in err
+    assert run("objects", "mesh", "nothing")[0] == 1
