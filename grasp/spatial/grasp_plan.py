@@ -92,6 +92,8 @@ class SpatialOptions:
         for name in ("samples", "tries", "most"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name}: expected at least 1, got {getattr(self, name)}")
+        if self.shapes < 0:
+            raise ValueError(f"shapes: expected 0 or more samples, got {self.shapes}")
 
 
 def plan_on_mesh(

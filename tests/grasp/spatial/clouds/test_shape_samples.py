@@ -9,6 +9,7 @@ from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.clouds.cloud import prepare_cloud
 from grasp.spatial.clouds.shape_samples import ShapeSamples, sample_shapes
 from grasp.spatial.frames import pose_from_planar
+from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.gripper import panda_hand
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.rays import first_and_last
@@ -92,6 +93,11 @@ def test_a_seed_gives_the_same_samples_and_another_gives_others(view, samples):
 def test_without_a_table_or_a_camera_nothing_says_where_the_back_is(view):
     for given in ({"table": TABLE}, {"viewpoints": EYE[None]}):
         assert sample_shapes(prepare_cloud(view, **given), view) is None
+
+
+def test_less_than_no_sample_is_refused():
+    with pytest.raises(ValueError, match="shapes: expected 0 or more samples, got -1"):
+        SpatialOptions(shapes=-1)
 
 
 def grasp(x: float, y: float, theta: float, width: float) -> GraspCandidate:
