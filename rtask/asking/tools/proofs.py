@@ -66,7 +66,7 @@ class Explanation(PagedAnswer):
     steps: list[Step] = Field(default_factory=list)
     needs: list[Need] = Field(default_factory=list)
     unknown: list[str] = Field(default_factory=list)
-    """terms that no statement mentions: they may be misspelt"""
+    """terms that nothing mentions"""
     try_budget: int = 0
 
 

@@ -10,18 +10,18 @@ import numpy as np
 import rtask
 from rtask.engine import Engine
 from rtask.rdf.namespaces import PREFIXES
+from simulate.grasping.record import phase_of
 from simulate.study.tasks.trial import stored_picks
 from simulate.tasks.arms.bench import Bench
 from simulate.tasks.arms.working import Settings, WholeCrew, crew_at_tables
 from simulate.tasks.executor import Turn
 from simulate.world.seeds import mix_seed, stream
 
-__all__ = ["EVENTS", "TABLES", "run_trial"]
+__all__ = ["EVENTS", "run_trial"]
 
 EVENTS = ("", "moved", "dropped", "declined")
 """What may come between: nothing; a person moves the thing before it is picked up, or takes it out
 of the hand and drops it onto the table; a person says no."""
-TABLES = ("panda", "sorting", "nao")
 _STREAM = 72
 _MARGIN_M = 0.03
 _MOST_DRAWS = 200
@@ -64,9 +64,10 @@ class _Event:
 
 def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """Return what came of one goal."""
-    table = TABLES[number % len(TABLES)]
+    tables = settings["tables"]
+    table = tables[number % len(tables)]
     events = settings["events"]
-    kind = str(events[(number // len(TABLES)) % len(events)]) if events else ""
+    kind = str(events[(number // len(tables)) % len(events)]) if events else ""
     seed = mix_seed(settings["seed"], _STREAM, number)
     rng = stream(settings["seed"], _STREAM, number)
     setting = Settings((table,), settings["things"], seed, settings["preset"])
@@ -89,7 +90,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         target_name = working.introduced[0].places[target]
         truths = working.truths()
         is_possible = ended.result == "reached" or _has_way(working, item, goal, truly)
-        picks = [turn for turn in turns if " picks " in turn.text and turn.result != "declined"]
+        picks = [turn for turn in turns if " picks " in turn.text and _moved_a_hand(turn)]
         held = sum(turn.result == "done" for turn in picks)
         return {
             "table": table, "goal": goal, "event": kind if event.is_over else "",
@@ -105,6 +106,11 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
             "twice": max(stored_picks(kb) - held, 0),
             "repair_s": max(working.repair_s, default=0.0), "says": ended.result,
         }  # fmt: skip
+
+
+def _moved_a_hand(turn: Turn) -> bool:
+    """Tell whether a step was tried: not where a thing was not seen, or no way was found to it."""
+    return turn.result == "done" or phase_of(turn.comment) in ("reach", "close", "lift", "hold")
 
 
 def _draw_goal(

@@ -33,12 +33,12 @@ _MOST_THINGS = 4
 )  # fmt: skip
 @click.option("--no-events", is_flag=True, help="Let nothing come between.")
 @click.option(
-    "--whole-arms", is_flag=True,
-    help="Let whole arms carry it out in physics, at three kinds of tables in turn; --slip does "
-    "not apply. A goal takes one to three minutes of one core.",
+    "--arms", "tables", multiple=True, metavar="TABLE",
+    help="Let whole arms carry it out in physics at this table: nao, panda or sorting (two Naos "
+    "and a Panda). Several take turns; --slip does not apply. A goal takes 10 to 60 s of one core.",
 )  # fmt: skip
 def tasks(
-    trials: int, seed: int, things: int, slip: float, no_events: bool, whole_arms: bool
+    trials: int, seed: int, things: int, slip: float, no_events: bool, tables: tuple[str, ...]
 ) -> Study:
     """Measure how often random goals are reached in a lab of two tables with two robots each.
 
@@ -48,9 +48,12 @@ def tasks(
     """
     from simulate.study.tasks import arms_trial
     from simulate.study.tasks.trial import EVENTS
+    from simulate.tasks.arms.working import layouts_of
 
-    if whole_arms:
+    if tables:
+        layouts_of(tables)
         own = {"seed": seed, "things": min(things, _MOST_THINGS), "preset": "faithful",
+               "tables": list(tables),
                "events": [] if no_events else list(arms_trial.EVENTS)}  # fmt: skip
         return Study("tasks", "simulate.study.tasks.arms_trial:run_trial", own, trials, _describe)
     events = [] if no_events else list(EVENTS)

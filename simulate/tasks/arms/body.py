@@ -194,17 +194,25 @@ class ArmBody:
         run.plan = replace(run.plan, obstacles=(*still, *self.robot.station.others()))
         box = self.robot.station.boxes.get(area)
         before = run.drive.elapsed_s
-        if box is not None:
-            reason = run.place_in_box(box)
-        else:
-            view, _ = self.robot.look_at(area)
-            size = max(run.plan.request.length, run.plan.request.width)
-            spots = self.robot.free_spots(area, size, view.perceived)
-            reason = run.place_within(*self.robot.station.ranges(area), spots)
+        reason = run.place_in_box(box) if box is not None else self._put_on_table(run, area)
         self._forget(hand)
         if reason != "ok" and self._has_arrived(item, place, run):
             reason = "ok"
         return Deed(reason == "ok", reason, run.drive.elapsed_s - before)
+
+    def _put_on_table(self, run: AttemptRun, area: str) -> str:
+        """Put what is held onto a free spot of an area, around what stands there."""
+        view, _ = self.robot.look_at(area)
+        request = run.plan.request
+        size = max(request.length, request.width)
+        spots = self.robot.free_spots(area, size, view.perceived)
+        if not spots:
+            run.put_back()
+            return "place_plan"
+        there = [Obstacle.around("neighbour", seen.points.astype(np.float64), request.table_height)
+                 for seen in view.perceived.objects]  # fmt: skip
+        run.plan = replace(run.plan, obstacles=(*run.plan.obstacles, *there))
+        return run.place_within(*self.robot.station.ranges(area), spots)
 
     def give(self, item: str, hand: str, target: str) -> Deed:
         """Say that hands do not meet here: things change hands at places."""

@@ -15,10 +15,10 @@ from simulate.world.portrait import portrait
 
 __all__ = ["BenchFilm"]
 
-_SIZE = (560, 300)
-_EVERY_S, _PAUSE_MS = 1.6, 160
+_SIZE = (480, 270)
+_EVERY_S, _PAUSE_MS = 2.4, 240
 """Simulated time between two pictures, and for how long each is shown: ten times as fast."""
-_BAR_PX, _MARGIN_PX, _FONT_SCALE = 40, 10, 0.42
+_BAR_PX, _MARGIN_PX, _FONT_SCALE = 40, 8, 0.38
 _PAPER, _INK = (250, 248, 247), (36, 36, 27)
 
 

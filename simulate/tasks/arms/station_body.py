@@ -107,7 +107,10 @@ class RobotAtBench(RobotAtTable):
                 yield Ignored(seen.x_range, seen.y_range)
 
     def free_spots(self, area: str, size: float, view: Perceived) -> Spots:
-        """Return spots (x, y), m, base frame, of an area for something of a size, freest first."""
+        """Return spots (x, y), m, base frame, of an area for something of a size, freest first.
+
+        There are none where other things leave no room for it.
+        """
         (x0, x1), (y0, y1) = self.station.ranges(area)
         margin = min(size / 2, (x1 - x0) / 2.2, (y1 - y0) / 2.2)
         xs, ys = np.linspace(x0 + margin, x1 - margin, 3), np.linspace(y0 + margin, y1 - margin, 5)
@@ -116,11 +119,13 @@ class RobotAtBench(RobotAtTable):
         room = _room(spots, view)
         away = np.linalg.norm(spots - middle, axis=1)
         order = np.lexsort((away, -np.minimum(room, size + _ROOM_M)))
-        return tuple((float(spots[k][0]), float(spots[k][1])) for k in order[:_SPOTS])
+        free = [k for k in order if room[k] > size / 2 + _GAP_M]
+        return tuple((float(spots[k][0]), float(spots[k][1])) for k in free[:_SPOTS])
 
 
 _SPOTS = 5
-_ROOM_M = 0.03
+_ROOM_M, _GAP_M = 0.03, 0.01
+"""Around a thing: as much as is of use, and the least."""
 
 
 def _room(spots: Floats, view: Perceived) -> Floats:
