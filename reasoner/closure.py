@@ -90,6 +90,11 @@ class Staged:
         self._news = [clash for key, clash in draft.clashes.items() if key not in earlier]
         self.contradictions = closure._describe(self._news, draft)
 
+    def _pending(self) -> Draft:
+        if self._draft is None:
+            raise RuntimeError("this change was already applied or discarded")
+        return self._draft
+
     def _parts(self) -> tuple[SomeFacts, SomeFacts]:
         both = self._exported
         return (both.added, both.removed) if isinstance(both, FactChange) else both
@@ -108,9 +113,7 @@ class Staged:
         RuntimeError
             If the change was applied or discarded before.
         """
-        if self._draft is None:
-            raise RuntimeError("this change was already applied or discarded")
-        return self._closure._causes(self._news, self._rules, self._draft, budget_ms)
+        return self._closure._causes(self._news, self._rules, self._pending(), budget_ms)
 
     def prove(self, triple: Triple, budget: int = PROOF_BUDGET) -> Proof | None:
         """Return a proof of a triple that holds with the change; ``None`` beyond the budget.
@@ -120,9 +123,7 @@ class Staged:
         RuntimeError
             If the change was applied or discarded before.
         """
-        if self._draft is None:
-            raise RuntimeError("this change was already applied or discarded")
-        proof = self._closure._reading(self._draft).prove(
+        proof = self._closure._reading(self._pending()).prove(
             self._closure._terms.encode_all([triple])[0], budget
         )
         return proof if isinstance(proof, Proof) else None
@@ -135,11 +136,10 @@ class Staged:
         RuntimeError
             If it was applied or discarded before, or another one was applied since.
         """
-        if self._draft is None:
-            raise RuntimeError("this change was already applied or discarded")
+        draft = self._pending()
         if self._version != self._closure._version:
             raise RuntimeError("another change was applied since this one was staged")
-        self._closure._take(self._draft, self._exported, self._rules)
+        self._closure._take(draft, self._exported, self._rules)
         self._draft = None
 
     def difference(self) -> Difference:
@@ -150,9 +150,7 @@ class Staged:
         RuntimeError
             If the change was applied or discarded before.
         """
-        if self._draft is None:
-            raise RuntimeError("this change was already applied or discarded")
-        return self._closure._difference_made(self._draft, self._exported)
+        return self._closure._difference_made(self._pending(), self._exported)
 
     def is_current(self, closure: Closure) -> bool:
         """Whether a closure is the one that the change was staged on, and has not changed since."""

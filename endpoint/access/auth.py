@@ -168,6 +168,8 @@ class Authenticator:
         """Refuse a Host that is not a name of this server, if the server is bound to loopback."""
         if not self._config.on_loopback:
             return
+        # A page may have its own name resolve to 127.0.0.1 (DNS rebinding): the browser then takes
+        # it for a page of ours, and only the Host still tells the name.
         name = _host_name(request.header("host", "localhost"))
         if is_loopback(name) or name in self._config.allowed_hosts:
             return
@@ -272,6 +274,7 @@ def cors_headers(request: Request, config: Config) -> tuple[tuple[str, str], ...
         allowed = origin
     else:
         return ()
+    # Without Access-Control-Allow-Credentials: no cookie lets a page of another origin read.
     exposed = "ETag, Location, Retry-After, RTASK-Remark, RTASK-Request-Id, RTASK-Version"
     return (
         ("Access-Control-Allow-Origin", allowed),

@@ -175,7 +175,9 @@ class Work:
                     rule=name,
                     limit=self.limit,
                 )
-            done = 0
+            done = (
+                0  # a rule of ours has no limit of its own; its name is asked for rarely this way
+            )
         self._done[key] = done
         self._unwatched += candidates + _CALL
         if self._unwatched >= _WATCHED_EVERY:

@@ -91,6 +91,7 @@ def value_of(lexical: str, datatype: str, language: str | None = None) -> Value:
     False
     """
     if language is not None:
+        # Tags are compared without regard to case (RDF 1.1 Concepts 3.3).
         return Value(("tagged", lexical, language.lower()), 0, None, "tagged")
     if datatype == XSD + "string":
         return _string(lexical)
@@ -160,6 +161,7 @@ def _floating(lexical: str, name: str) -> Value | None:
         try:
             packed = struct.pack(">f", number)
         except OverflowError:
+            # XSD rounds to infinity what `struct` refuses to round.
             packed = struct.pack(">f", float("inf") if number > 0 else float("-inf"))
         number = struct.unpack(">f", packed)[0]
         key = (name, packed)
@@ -185,6 +187,7 @@ def _date_time(lexical: str) -> Value | None:
     second = Fraction(match[6]) if "." in match[6] else int(match[6])
     if not (1 <= month <= 12 and 1 <= day <= _days_of(year, month) and minute < 60 and second < 60):
         return None
+    # 24:00:00 is the midnight that ends a day (XSD 1.1 part 2, 3.3.7).
     if hour > 24 or (hour == 24 and (minute or second)):
         return None
     zone = match[7]
@@ -194,6 +197,8 @@ def _date_time(lexical: str) -> Value | None:
     local = ((_day_number(year, month, day) * 24 + hour) * 60 + minute - offset) * 60 + second
     mask = BITS[XSD + "dateTime"] | (BITS[XSD + "dateTimeStamp"] if zone else 0)
     family = "instant" if zone else "local time"
+    # One instant in two zones is equal but not identical (XSD 1.1 part 2, 2.2), and keys are of
+    # identity: hence the offset.
     return Value((family, local, offset), mask, local, family)
 
 

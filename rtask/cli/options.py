@@ -262,6 +262,17 @@ def announce_more(number: int, which: str = "more", what: str = "") -> None:
         click.echo(f"{words}; --limit 0 for all", err=True)
 
 
+def print_change(done: Mapping[str, Any], as_json: bool, changed: str, unchanged: str) -> None:
+    """Print what became of a change: as JSON, or in words with the command that undoes it."""
+    if as_json:
+        print_json(dict(done))
+    elif done["commit"]:
+        click.echo(changed)
+        announce_undo("undo", done["commit"])
+    else:
+        click.echo(unchanged)
+
+
 def announce_undo(*command: str) -> None:
     """Print, on standard error, the command that undoes a change, for the same graph or server."""
     click.echo(f"undo: rtask {shlex.join([*command, *_same_graph()])}", err=True)

@@ -135,7 +135,7 @@ class ActionArm(FollowingArm):
             with self._came:
                 self._watch = None
         raise RemoteUnavailableError(
-            f"{self._name} did not end within {way.duration + _SPARE_S:.1f} s; cancelled"
+            f"{self._name} did not end within {way.duration + _SPARE_S:.1f} s; a cancel was sent"
         )
 
     def stop(self) -> None:

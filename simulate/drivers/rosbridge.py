@@ -195,7 +195,7 @@ class RosbridgeArm(FollowingArm):
                 if (end := self._goals.end(goal, came)) is not None:
                     return end
         raise RemoteUnavailableError(
-            f"{self._action} did not end within {way.duration + _SPARE_S:.1f} s; cancelled"
+            f"{self._action} did not end within {way.duration + _SPARE_S:.1f} s; a cancel was sent"
         )
 
     def stop(self) -> None:

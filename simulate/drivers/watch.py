@@ -78,7 +78,7 @@ class MotionWatch:
         if self._clock() >= self.deadline:
             raise RemoteUnavailableError(
                 f"no new joint state came for {_SILENT_S:g} s during the motion: the link, or the "
-                "driver that publishes them, is lost; cancelled"
+                "driver that publishes them, is lost; the motion is given up"
             )
 
     def check_followed(self, measured: Floats) -> None:

@@ -143,7 +143,8 @@ def oversized(links: Iterable[Link], joints: Sequence[Joint]) -> list[Oversized]
     RobotError
         The joints themselves span more than any robot.
     """
-    reach = _reach(joints)
+    links = list(links)
+    reach = _reach(links, joints)
     if reach > _LONGEST_M:
         raise RobotError(
             f"the joints span {reach:.3g} m: a URDF states lengths in m; are these millimetres?"
@@ -175,7 +176,7 @@ def with_scale(links: Sequence[Link], joints: Sequence[Joint], scale: float) -> 
         raise RobotError(f"a scale is a positive number, got {scale:g}")
     if not oversized(links, joints):
         raise RobotError("--scale is for shapes far larger than the robot; there are none")
-    limit = max(_TIMES_REACH * _reach(joints), _LARGE_M)
+    limit = max(_TIMES_REACH * _reach(links, joints), _LARGE_M)
 
     def scaled(shape: Shape) -> Shape:
         if _longest_side(shape) <= limit:
@@ -185,12 +186,20 @@ def with_scale(links: Sequence[Link], joints: Sequence[Joint], scale: float) -> 
     return tuple(replace(link, shapes=tuple(map(scaled, link.shapes))) for link in links)
 
 
-def _reach(joints: Sequence[Joint]) -> float:
-    """Return the length of the longest chain, m: offsets of its joints and ways of sliding ones."""
+def _reach(links: Iterable[Link], joints: Sequence[Joint]) -> float:
+    """Return the length of the longest chain, m: offsets of its joints and ways of sliding ones.
+
+    The ways by which a base drives or floats, joints before the first link with a shape, are no
+    lengths of the robot.
+    """
+    shaped = {link.name for link in links if link.shapes}
     spans: dict[str, float] = {}
+    solid: set[str] = set()
     for joint in joints:  # parents come first
+        if joint.parent in shaped or joint.parent in solid:
+            solid.add(joint.child)
         step = float(np.linalg.norm(joint.pose.xyz))
-        if joint.kind == "prismatic":
+        if joint.kind == "prismatic" and joint.child in solid:
             step += joint.upper - joint.lower
         spans[joint.child] = spans.get(joint.parent, 0.0) + step
     return max(spans.values(), default=0.0)

@@ -107,6 +107,7 @@ class _Reader:
         self._path, self._strict, self._shapes = path, strict, shapes
         self._meshes_in = meshes_in
         self._warnings: list[str] = []
+        self._types: dict[str, str] = {}
 
     def parse(self, text: bytes) -> ET.Element:
         """Return the document; a late declaration or an undeclared prefix is a gap."""
@@ -122,7 +123,9 @@ class _Reader:
         return tree
 
     def read(self, tree: ET.Element) -> ReadRobot:
-        joints = [self._joint(e) for e in tree.findall("joint") if e.find("parent") is not None]
+        stated = [e for e in tree.findall("joint") if e.find("parent") is not None]
+        self._types = {e.get("name", ""): e.get("type", "") for e in stated}
+        joints = [self._joint(e) for e in stated]
         self._refuse_twins(joints)
         moved = {joint.child for joint in joints if joint.kind != "fixed"}
         elements = {}
@@ -326,7 +329,7 @@ class _Reader:
             child.get("link", ""),
             self._pose(where, element),
             self._vector(where, axis, "xyz", (1.0, 0.0, 0.0)) if axis is not None else (1.0, 0, 0),
-            _KINDS[stated],
+            _KINDS[self._thawed(where, element, stated)],
         )
         if joint.kind == "fixed":
             return replace(joint, axis=(0.0, 0.0, 1.0))
@@ -335,6 +338,22 @@ class _Reader:
             return replace(joint, axis=(0.0, 0.0, 1.0), kind="fixed")
         limited = self._limited(where, joint, element.find("limit"), stated == "continuous")
         return self._following(where, limited, element.find("mimic"))
+
+    def _thawed(self, where: str, element: ET.Element, stated: str) -> str:
+        """Return the type of a joint: that of the one it follows, where it was frozen.
+
+        Libraries without joints that follow others fix them, and leave axis, range and source.
+        """
+        follows, limit = element.find("mimic"), element.find("limit")
+        if self._strict or stated != "fixed" or follows is None or limit is None:
+            return stated
+        source = self._types.get(follows.get("joint", ""), "")
+        if source not in ("revolute", "prismatic") or element.find("axis") is None:
+            return stated
+        if limit.get("lower", "0") == limit.get("upper", "0"):
+            return stated
+        self._gap(where, f"is fixed, but follows {follows.get('joint')!r}", "moves with it")
+        return source
 
     def _limited(self, where: str, joint: Joint, limit: ET.Element | None, endless: bool) -> Joint:
         has_range = limit is not None and ("lower" in limit.attrib or "upper" in limit.attrib)

@@ -8,7 +8,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from tests.clients.ros2.contract import run_and_exit
+try:
+    from tests.clients.ros2.contract import run_and_exit
+except ImportError as error:  # numpy, which the node needs as well
+    sys.stdout.write(f"not run: {error} in {sys.executable}; apt-get install python3-numpy\n")
+    sys.exit(2)
 
 if __name__ == "__main__":
     run_and_exit()

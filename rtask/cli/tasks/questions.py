@@ -12,11 +12,10 @@ import click
 from rtask.cli.connection import connection
 from rtask.cli.options import (
     agent_option,
-    announce_undo,
     data_option,
     json_option,
     listing_option,
-    print_json,
+    print_change,
     print_listing,
     server_option,
 )
@@ -73,13 +72,7 @@ def answer(
         done = client.call(
             "answer_question", question=question, choice=choice, remark=remark, operator=agent
         )
-    if as_json:
-        print_json(dict(done))
-    elif done["commit"]:
-        click.echo("the robot takes up its step again")
-        announce_undo("undo", done["commit"])
-    else:
-        click.echo("you answered so before")
+    print_change(done, as_json, "the robot takes up its step again", "you answered so before")
 
 
 def _in_words(question: Mapping[str, Any]) -> str:

@@ -11,11 +11,10 @@ import click
 from rtask.cli.connection import connection
 from rtask.cli.options import (
     agent_option,
-    announce_undo,
     data_option,
     json_option,
     listing_option,
-    print_json,
+    print_change,
     print_listing,
     server_option,
 )
@@ -62,13 +61,7 @@ def cancel(
     plan = name_or_iri(plan, data, server)
     with connection(data, server) as client:
         done = client.call("cancel_plan", plan=plan, reason=reason, operator=agent)
-    if as_json:
-        print_json(dict(done))
-    elif done["commit"]:
-        click.echo(f"{plan} is cancelled")
-        announce_undo("undo", done["commit"])
-    else:
-        click.echo(f"{plan} was cancelled before")
+    print_change(done, as_json, f"{plan} is cancelled", f"{plan} was cancelled before")
 
 
 def _in_words(plan: Mapping[str, Any]) -> str:

@@ -182,7 +182,7 @@ class Catalogue:
         if derived.added or derived.removed:
             touched.add(self.graphs.inferred)
         changed = [graph for graph in touched if not isinstance(graph, DefaultGraph)]
-        changed.sort(key=str)
+        changed.sort(key=str)  # a set has no order, and the record of a commit should have one
         counts = Counter(quad.graph_name for quad in change.added)
         counts.subtract(Counter(quad.graph_name for quad in change.removed))
         counts[self.graphs.inferred] += len(derived.added) - len(derived.removed)
@@ -303,6 +303,7 @@ class Catalogue:
 
     def apply(self, notes: Overlay) -> None:
         """Update the mirror after the record has been stored."""
+        # What goes first: a graph's new number comes with the removal of its old one.
         for quad in notes.removed:
             if quad.graph_name == self.graphs.meta and quad.predicate == _COMMIT_NUMBER:
                 assert isinstance(quad.subject, NamedNode)

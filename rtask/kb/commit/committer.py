@@ -26,7 +26,7 @@ from rtask.kb.commit.budget import UNBOUNDED, Guard, ReasoningLimits, stopping
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
 from rtask.kb.commit.checks.requirements import check_blobs, check_literals, check_rights
 from rtask.kb.commit.commit import Change, Commit, Request
-from rtask.kb.commit.foreign.identity import merge_refused, new_merges, supports_of
+from rtask.kb.commit.foreign import identity
 from rtask.kb.commit.foreign.precedence import NamePrecedence
 from rtask.kb.commit.foreign.supports import Support, leaves_of, support_of
 from rtask.kb.commit.inference import Inference, Staged, rules_from_now_on
@@ -129,7 +129,7 @@ class Committer:
                 warnings=tuple(report),
                 shapes=report.shapes,
                 quarantined=aside,
-                remark=None if names is None else self._remark(names, change),
+                remark=None if names is None else self._remark(names, change, derived),
             )
             return replace(stored, commit=commit)
         except BaseException:
@@ -166,15 +166,15 @@ class Committer:
         error, names = self.inference.inconsistent(clashes, causes), self._names(request)
         return error if names is None else names.refused(error, clashes)
 
-    def _remark(self, names: NamePrecedence, change: Overlay) -> str | None:
+    def _remark(self, names: NamePrecedence, change: Overlay, derived: Derived) -> str | None:
         """Return what the author is told of others' statements; ``None`` if nothing."""
         if names.moved:
             return names.remark()
         if len(change.added) <= MAX_LATE:
+            keys, new = self.catalogue.keys(), derived.added
             with self.late.quiet() if self.late is not None else nullcontext():
-                contested = self.catalogue.keys().remark(change.added, self.store, self.graphs)
-            if contested is not None:
-                return contested
+                if remark := identity.remark(change, new, keys, self.store, self.graphs):
+                    return remark
         return names.notice() if self.catalogue.triple_count(self.graphs.quarantine) else None
 
     def _settle(
@@ -193,11 +193,13 @@ class Committer:
             aside += more
             try:
                 access = request.access
-                merges = new_merges(change, derived.added, access, self.graphs)
+                merges = identity.new_merges(change, derived.added, access, self.graphs)
                 if not merges:
                     return derived, staged, aside
-                if not names.give_way(change, supports_of(merges, staged)):
-                    raise merge_refused(merges, change.added, self.store, access, self.graphs)
+                if not names.give_way(change, identity.supports_of(merges, staged)):
+                    raise identity.merge_refused(
+                        merges, change.added, self.store, access, self.graphs
+                    )
             except BaseException:
                 if staged is not None:
                     staged.discard()

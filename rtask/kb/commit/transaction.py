@@ -138,6 +138,7 @@ class Transaction:
         reifier = reifier_of(base, quad)
         pending.add(reification(reifier, quad))
         for predicate, value in annotations.items():
+            # The store does not hold the notes of this transaction yet; they are replaced as well.
             own = self._notes.setdefault((reifier, predicate), [])
             before = list(pending.store.quads_for_pattern(reifier, predicate, None, where))
             for old in (*before, *own):

@@ -126,6 +126,7 @@ class BlobStore:
         digest = hashlib.sha256(data).hexdigest()
         if not (self.has(PREFIX + digest) and self.is_sound(digest)):
             return None
+        # Clean-up spares what is new: whoever sends bytes is about to name them.
         os.utime(self._place(digest))
         return Blob(digest, len(data), media_type)
 
@@ -181,6 +182,7 @@ class BlobStore:
             temporary.replace(final)
         finally:
             temporary.unlink(missing_ok=True)
+        # A name is durable once its folder is, and a new folder once its parent is (fsync(2)).
         for parent in (final.parent, final.parent.parent, folder):
             sync_folder(parent)
         return Blob(digest.hexdigest(), size, media_type)

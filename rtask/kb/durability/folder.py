@@ -94,6 +94,7 @@ class Files:
         """Force everything to disk and release the files."""
         try:
             checkpoints = self.checkpoints
+            # A store that takes no writes is left to the journal, which the next opening replays.
             if checkpoints is not None and self.store.is_open and not self.store.is_stuck:
                 checkpoints.reserve.spend_on(lambda: checkpoints.make(seq, clean=True))
                 checkpoints.reserve.give_back()
@@ -154,6 +155,8 @@ def open_for_writing(folder: Path, settings: Settings, durable: bool) -> Files:
     try:
         return _open_for_writing(folder, settings, durable)
     except BaseException as error:
+        # Room is made with what can be opened: nobody could delete anything from a store that is
+        # shut for want of room.
         if not means_full(error) or not Reserve(folder).give_back():
             raise
     _log.warning("the disk is full at %s: the reserve is used to open it", folder)

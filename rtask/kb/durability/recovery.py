@@ -134,6 +134,7 @@ class Checkpoints:
 
     def make(self, seq: int, clean: bool = False) -> None:
         """Make the store durable and record it."""
+        # The record last: recovery does not replay what a checkpoint says is stored.
         self._journal.sync(seq)
         self._store.flush()
         if clean:
@@ -219,6 +220,8 @@ def recover(folder: Path, store: GraphStore, journal: JournalFile, settings: Set
     last = replay_all(store, journal.records(checkpoint.seq), settings.is_merged) or checkpoint.seq
     _log.info("recovered after an unclean shutdown: replayed up to commit %d", last)
     was_restarted = checkpoint.boot != boot_id()
+    # Commits that only the system's cache held are gone, and others will get their numbers: whoever
+    # has seen the old ones, a follower or a cache, must be able to tell.
     if not checkpoint.durable and was_restarted:
         settings = replace(settings, epoch=Settings.new().epoch)
         settings.save(folder)
@@ -253,6 +256,7 @@ def replay_all(store: GraphStore, records: Iterable[Record], merged: bool) -> in
     for record in records:
         last = record.seq
         if record.graphs("created") or record.graphs("dropped"):
+            # A graph that goes takes its statements along, so what came before is stored before.
             _store_touched(store, touched, merged)
             replay(store, record, merged)
             continue

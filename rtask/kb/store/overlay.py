@@ -27,7 +27,7 @@ class Holders:
     def __init__(self, store: GraphStore) -> None:
         self._store = store
         self._writes = store.writes
-        self._known: dict[TripleKey, Sequence[GraphName]] = {}
+        self._graphs_of: dict[TripleKey, Sequence[GraphName]] = {}
         self._touched: set[TripleKey] | None = None
 
     def of(self, key: TripleKey) -> Sequence[GraphName]:
@@ -35,21 +35,22 @@ class Holders:
         before = self._store.writes
         if self._writes != before:
             self._writes = before
-            self._known.clear()
-        graphs = self._known.get(key)
+            self._graphs_of.clear()
+        graphs = self._graphs_of.get(key)
         if graphs is None:
             graphs = self._store.holders(key)
+            # If others wrote meanwhile, it cannot be told which state was looked at.
             if before == self._store.writes:
-                self._known[key] = graphs
+                self._graphs_of[key] = graphs
         return graphs
 
     def find(self, keys: Iterable[TripleKey]) -> None:
         """Look up many triples at once, while nobody writes."""
         if self._writes != self._store.writes:
             self._writes = self._store.writes
-            self._known.clear()
-        known = self._known
-        known.update(self._store.holders_of_each(key for key in keys if key not in known))
+            self._graphs_of.clear()
+        graphs_of = self._graphs_of
+        graphs_of.update(self._store.holders_of_each(key for key in keys if key not in graphs_of))
 
     def find_meanwhile(
         self, keys: Iterable[TripleKey], lock: Callable[[], AbstractContextManager[object]]
@@ -63,12 +64,12 @@ class Holders:
         """
         self._touched = touched = set[TripleKey]()
         try:
-            found = self._store.holders_of_each(keys)
+            holders = self._store.holders_of_each(keys)
             with lock():
                 if self._writes == self._store.writes and self._touched is touched:
                     for key in touched:
-                        found.pop(key, None)
-                    self._known.update(found)
+                        holders.pop(key, None)
+                    self._graphs_of.update(holders)
         finally:
             self._touched = None
 
@@ -86,7 +87,7 @@ class Holders:
             return
         touched = {triple_key(quad) for quads in (writes.removed, writes.added) for quad in quads}
         for key in touched:
-            self._known.pop(key, None)
+            self._graphs_of.pop(key, None)
         if self._touched is not None:
             self._touched |= touched
         self._writes += 1
@@ -138,7 +139,7 @@ class Overlay:
         """Add many quads; where all of a graph goes, they are not looked up one by one."""
         is_gone: dict[GraphName, bool] = {}
         removed, added, store = self.removed, self.added, self.store
-        restored: set[Quad] = set()
+        restored: set[Quad] = set()  # stored, though their graph goes: a repetition adds nothing
         for quad in quads:
             graph = quad.graph_name
             if graph not in is_gone:

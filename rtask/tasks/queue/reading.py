@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
     from rtask.sparql.results import Row
 
-__all__ = ["Claim", "QueuedPlan", "QueuedStep", "read_queue"]
+__all__ = ["MAX_LEASE_S", "Claim", "QueuedPlan", "QueuedStep", "read_queue"]
+
+MAX_LEASE_S = 3600.0
+"""The longest that a claim may last before it is renewed."""
 
 _PLANS = f"""{PREFIXES}
 SELECT ?plan ?graph ?goal ?made ?priority ?deadline ?cancelled ?reason ?replaced ?asking ?failing
@@ -85,7 +88,10 @@ class Claim:
 
     def is_live(self, now: dt.datetime) -> bool:
         """Whether it lasts."""
-        return not self.result and now < self.until
+        # One that lasts longer than any may was made while the clock was ahead. Nobody can say when
+        # it would have ended, and a step must not wait for years for a robot that is switched off.
+        longest = now + dt.timedelta(seconds=MAX_LEASE_S)
+        return not self.result and now < self.until <= longest
 
 
 @dataclass(frozen=True)

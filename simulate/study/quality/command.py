@@ -44,9 +44,13 @@ __all__ = ["grasp_quality"]
     type=click.IntRange(0, 1000),
     help="Generated hands instead of the Panda's and the NAO's: fits what the factory promises.",
 )
+@click.option("--varied", is_flag=True,
+    help="Objects of a wider family: not convex, thin-walled, with handles, small, long, light.",
+)  # fmt: skip
 def grasp_quality(
-    objects: int, trials: int, seed: int, ycb: Path | None, ranked: int, alone: bool, made: int
-) -> Study:
+    objects: int, trials: int, seed: int, ycb: Path | None, ranked: int, alone: bool, made: int,
+    varied: bool,
+) -> Study:  # fmt: skip
     """Compare planned grasps with a trivial sampler's: lifted and shaken under pose errors.
 
     A hand without an arm, the Panda's at 20 N and the NAO's at 2 N, carries out the first grasp of
@@ -57,4 +61,6 @@ def grasp_quality(
     from simulate.study.quality.report import quality_study
 
     models = str(ycb.resolve()) if ycb else ""
-    return quality_study(objects, trials, seed, models, ranked=ranked, alone=alone, made=made)
+    return quality_study(
+        objects, trials, seed, models, ranked=ranked, alone=alone, made=made, varied=varied
+    )

@@ -24,7 +24,10 @@ from rtask.errors import UsageError
 from simulate.robots.description import Floats
 from simulate.world.seeds import stream
 
-__all__ = ["FAMILIES", "GraspObject", "fits", "generated", "heaviest", "ycb_models"]
+__all__ = [
+    "FAMILIES", "GraspObject", "centred", "cuboid", "fits", "frustum", "generated", "heaviest",
+    "ycb_models",
+]  # fmt: skip
 
 _AROUND = 16
 _SHAPE = 21
@@ -94,7 +97,8 @@ def _write_obj(path: Path, vertices: Floats, faces: NDArray[np.integer[Any]]) ->
     return path
 
 
-def _centred(name: str, parts: Sequence[Floats], mass: float) -> GraspObject:
+def centred(name: str, parts: Sequence[Floats], mass: float) -> GraspObject:
+    """Return an object of convex parts, each (n, 3), m, about the centre of mass of their union."""
     raw = GraspObject(name, tuple(parts), mass)
     com = raw.mesh().com
     return GraspObject(name, tuple(part - com for part in parts), mass)
@@ -123,7 +127,7 @@ def generated(seed: int, number: int, gripper: ParallelGripper) -> GraspObject:
     mass = share * heaviest(gripper)
     sides = Rotation.from_euler("xyz", rng.integers(0, 4, 3) * 90, degrees=True)
     yaw = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
-    item = _centred(f"{family}-{number}", parts, mass)
+    item = centred(f"{family}-{number}", parts, mass)
     return item.turned((yaw * sides).as_matrix())
 
 
@@ -163,19 +167,20 @@ def ycb_models(folder: Path) -> list[GraspObject]:
                 parts.append(points[ConvexHull(points).vertices])
         mass = re.search(r'mass value="([\d.e+-]+)"', urdf.read_text("utf-8"))
         if parts and mass is not None and float(mass.group(1)) > 0:
-            models.append(_centred(urdf.stem, parts, float(mass.group(1))))
+            models.append(centred(urdf.stem, parts, float(mass.group(1))))
     if not models:
         raise UsageError(f"{folder} holds no NAME.urdf with parts NAME/*coacd*.stl")
     return models
 
 
-def _cuboid(low: ArrayLike, high: ArrayLike) -> Floats:
+def cuboid(low: ArrayLike, high: ArrayLike) -> Floats:
+    """Return the corners (8, 3) of an upright box between two of them."""
     corners = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
     first, last = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     return np.asarray(first + corners * (last - first))
 
 
-def _frustum(bottom: float, top: float, low: float, high: float, around: int = _AROUND) -> Floats:
+def frustum(bottom: float, top: float, low: float, high: float, around: int = _AROUND) -> Floats:
     """Return a frustum about z: radii and heights, m."""
     angle = 2 * np.pi * np.arange(around) / around
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -184,35 +189,35 @@ def _frustum(bottom: float, top: float, low: float, high: float, around: int = _
 
 
 def _box(rng: np.random.Generator) -> list[Floats]:
-    return [_cuboid((0, 0, 0), rng.uniform((0.015, 0.03, 0.03), (0.055, 0.09, 0.18)))]
+    return [cuboid((0, 0, 0), rng.uniform((0.015, 0.03, 0.03), (0.055, 0.09, 0.18)))]
 
 
 def _prism(rng: np.random.Generator) -> list[Floats]:
     radius, height = rng.uniform((0.01, 0.02), (0.034, 0.16))
-    return [_frustum(radius, radius, 0, height, int(rng.choice([3, 5, 6, 24])))]
+    return [frustum(radius, radius, 0, height, int(rng.choice([3, 5, 6, 24])))]
 
 
 def _taper(rng: np.random.Generator) -> list[Floats]:
     radius, height = rng.uniform((0.015, 0.03), (0.036, 0.14))
-    return [_frustum(radius, radius * rng.uniform(0.5, 0.95), 0, height, 24)]
+    return [frustum(radius, radius * rng.uniform(0.5, 0.95), 0, height, 24)]
 
 
 def _bracket(rng: np.random.Generator) -> list[Floats]:
     """Return an L, a T or a U."""
     thick, deep = rng.uniform((0.008, 0.015), (0.025, 0.05))
     length, height = rng.uniform((0.05, 0.03), (0.14, 0.09))
-    parts = [_cuboid((0, 0, 0), (length, deep, thick))]
+    parts = [cuboid((0, 0, 0), (length, deep, thick))]
     kind = rng.integers(3)
     places = [[0.0], [length / 2 - thick / 2], [0.0, length - thick]][kind]
-    return parts + [_cuboid((x, 0, thick), (x + thick, deep, height)) for x in places]
+    return parts + [cuboid((x, 0, thick), (x + thick, deep, height)) for x in places]
 
 
 def _cross(rng: np.random.Generator) -> list[Floats]:
     arm, wide, deep = rng.uniform((0.06, 0.012, 0.015), (0.12, 0.03, 0.04))
     off = rng.uniform(-0.2, 0.2) * arm
     return [
-        _cuboid((-arm / 2, -wide / 2, 0), (arm / 2, wide / 2, deep)),
-        _cuboid((off - wide / 2, -arm / 2, 0), (off + wide / 2, arm / 2, deep)),
+        cuboid((-arm / 2, -wide / 2, 0), (arm / 2, wide / 2, deep)),
+        cuboid((off - wide / 2, -arm / 2, 0), (off + wide / 2, arm / 2, deep)),
     ]
 
 
@@ -220,7 +225,7 @@ def _shaft(rng: np.random.Generator) -> list[Floats]:
     parts, z = [], 0.0
     for _ in range(int(rng.integers(2, 5))):
         radius, length = rng.uniform((0.007, 0.015), (0.03, 0.06))
-        parts.append(_frustum(radius, radius, z, z + length))
+        parts.append(frustum(radius, radius, z, z + length))
         z += length
     return parts
 
@@ -230,7 +235,7 @@ def _cup(rng: np.random.Generator) -> list[Floats]:
     foot = radius * rng.uniform(0.75, 1.0)
     angle = 2 * np.pi * np.arange(_AROUND + 1) / _AROUND
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    parts = [_frustum(foot, foot, 0, wall)]
+    parts = [frustum(foot, foot, 0, wall)]
     for k in range(_AROUND):
         two = ring[k : k + 2]
         parts.append(np.vstack([
@@ -246,7 +251,7 @@ def _bottle(rng: np.random.Generator) -> list[Floats]:
     levels = [(radius, 0), (radius, body), (neck, shoulder), (neck, 1)]
     flat = rng.uniform(0.55, 1.0)
     return [
-        _frustum(a, b, low * height, high * height) * (1, flat, 1)
+        frustum(a, b, low * height, high * height) * (1, flat, 1)
         for (a, low), (b, high) in pairwise(levels)
     ]
 
@@ -254,19 +259,19 @@ def _bottle(rng: np.random.Generator) -> list[Floats]:
 def _ball(rng: np.random.Generator) -> list[Floats]:
     half = rng.uniform((0.014, 0.014, 0.014), (0.036, 0.04, 0.05))
     height = np.linspace(-1, 1, 11)[1:-1]
-    rings = [_frustum(float(np.sqrt(1 - z**2)), 1.0, z, z, 20)[:20] for z in height.tolist()]
+    rings = [frustum(float(np.sqrt(1 - z**2)), 1.0, z, z, 20)[:20] for z in height.tolist()]
     return [np.vstack([*rings, [[0, 0, -1]], [[0, 0, 1]]]) * half]
 
 
 def _tool(rng: np.random.Generator) -> list[Floats]:
     """Return a handle with a head across its end, or with a blade."""
     radius, length = rng.uniform((0.006, 0.08), (0.015, 0.18))
-    handle = _frustum(radius, radius, 0, length)
+    handle = frustum(radius, radius, 0, length)
     if rng.random() < 0.5:
         head = rng.uniform((0.01, 0.02, 0.008), (0.02, 0.05, 0.02))
-        return [handle, _cuboid((-head[0], -head[1], length), (head[0], head[1], length + head[2]))]
+        return [handle, cuboid((-head[0], -head[1], length), (head[0], head[1], length + head[2]))]
     blade = (0.9 * radius, 0.25 * radius)
-    return [handle, _cuboid((-blade[0], -blade[1], length), (*blade, 1.6 * length))]
+    return [handle, cuboid((-blade[0], -blade[1], length), (*blade, 1.6 * length))]
 
 
 _MAKERS: dict[str, Callable[[np.random.Generator], list[Floats]]] = {

@@ -30,23 +30,27 @@ def quality_study(
     ranked: int = 0,
     alone: bool = False,
     made: int = 0,
+    varied: bool = False,
 ) -> Study:
     """Return the comparison: for each hand ``objects`` objects with ``trials`` draws each.
 
     Of every plan, ``ranked`` grasps from the best to the worst are carried out, too. With ``alone``
     nothing is compared with it. With ``made`` so many generated hands take part instead of the
-    Panda's and the NAO's, nothing is compared, and what the factory promises is fitted.
+    Panda's and the NAO's, nothing is compared, and what the factory promises is fitted. With
+    ``varied`` the generated objects are of the wider family.
     """
     settings: dict[str, Any] = {
         "seed": seed, "trials": trials, "ycb": ycb, "preset": preset, "ranked": ranked
     }  # fmt: skip
+    if varied:  # a setting more only then: folders of former runs can be gone on with
+        settings["varied"] = True
     if made:
         settings |= {"alone": True, "made": made, "ranked": 1}
         return Study(
             "promises of generated hands", "simulate.study.quality.trial:quality_trial", settings,
             objects * made, describe_fit,
         )  # fmt: skip
-    if alone:  # so that folders of former runs can be gone on with
+    if alone:  # the same
         settings["alone"] = True
     return Study(
         "picks of grasps", "simulate.study.quality.trial:quality_trial", settings,

@@ -16,11 +16,13 @@ from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.gripper_files import gripper_named
 from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.scoring.confidence import Load, score_grasps
+from grasp.spatial.scoring.promises import RESTS_ON
 from grasp.spatial.scoring.select import rank_by_confidence
 from simulate.study.quality.bench import Bench, Draw, draws, laid_out
 from simulate.study.quality.made_hands import made_hand, studied_hand
 from simulate.study.quality.objects import GraspObject, fits, generated, heaviest, ycb_models
 from simulate.study.quality.sampler import sampled_grasp
+from simulate.study.quality.varied_objects import varied
 from simulate.world.seeds import mix_seed, stream
 
 __all__ = ["HANDS", "RULES", "quality_trial"]
@@ -58,7 +60,7 @@ def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
                 done = _tried(bench, pick, gripper, trials)
             outcomes[rule] = {**done, "promised": promised}
         ranked = [
-            {**{k: round(float(candidate.scores[k]), 4) for k in ("lift", "carry", "load")},
+            {**{k: round(float(candidate.scores[k]), 4) for k in RESTS_ON},
              **_tried(bench, candidate, gripper, trials[:1] if settings.get("made") else trials)}
             for candidate in _others(plan, settings, number)
         ]  # fmt: skip
@@ -81,6 +83,8 @@ def _hand_and_object(settings: Mapping[str, Any], number: int) -> tuple[str, Gra
         return hand, _object_of_trial(settings, number // len(HANDS), gripper_named(hand))
     seed = int(settings["seed"])
     gripper = made_hand(seed, number % made)
+    if settings.get("varied"):
+        return gripper.name, varied(seed, number, gripper)
     item = generated(seed, number, gripper)
     share, _ = _load_of_trial(seed, number)
     if share is not None:
@@ -106,7 +110,8 @@ def _object_of_trial(
     mine, theirs = divmod(index, 2)
     if theirs and mine < len(models):
         return models[mine]
-    return generated(int(settings["seed"]), index, gripper)
+    maker = varied if settings.get("varied") else generated
+    return maker(int(settings["seed"]), index, gripper)
 
 
 @lru_cache(maxsize=len(HANDS))

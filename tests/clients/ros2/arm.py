@@ -1,6 +1,6 @@
 """An arm in ROS 2 behind its driver, as a process: it follows, or misbehaves as it is told.
 
-    python -m tests.clients.ros2.arm BEHAVIOUR ACTION JOINTS HOME
+    python -m tests.clients.ros2.arm BEHAVIOUR ACTION TOPIC JOINTS HOME
 
 The action server and its states are rclpy's own. JOINTS and HOME are separated by commas. Killed,
 it is an arm whose link is lost.
@@ -20,7 +20,7 @@ HURRY = 2.0
 class Arm:
     """Joint states and goals of one arm."""
 
-    def __init__(self, node, behaviour, action, joints, home):
+    def __init__(self, node, behaviour, action, topic, joints, home):
         from action_msgs.srv import CancelGoal
         from control_msgs.action import FollowJointTrajectory
         from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -31,7 +31,7 @@ class Arm:
         self.is_silent, self.began = False, time.time_ns()
         self.state, self.kind = JointState, FollowJointTrajectory
         group = ReentrantCallbackGroup()
-        self.states = node.create_publisher(JointState, "/joint_states", 10)
+        self.states = node.create_publisher(JointState, topic, 10)
         self.timer = node.create_timer(0.02, self.tell, callback_group=group)
         self.other = node.create_client(
             CancelGoal, f"{action}/_action/cancel_goal", callback_group=group
@@ -101,10 +101,11 @@ def main():
     import rclpy
     from rclpy.executors import MultiThreadedExecutor
 
-    behaviour, action, joints, home = sys.argv[1:5]
+    behaviour, action, topic, joints, home = sys.argv[1:6]
     rclpy.init(args=[])
     node = rclpy.create_node("arm")
-    arm = Arm(node, behaviour, action, joints.split(","), [float(q) for q in home.split(",")])
+    at_home = [float(q) for q in home.split(",")]
+    arm = Arm(node, behaviour, action, topic, joints.split(","), at_home)
     executor = MultiThreadedExecutor(num_threads=6)
     executor.add_node(node)
     sys.stdout.write(f"ready {len(arm.joints)} joints\n")

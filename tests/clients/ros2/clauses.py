@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import itertools
 import json
 import os
 import queue
 import subprocess
 import threading
+
+import numpy as np
 
 from tests.clients.ros2 import without_ros
 from tests.clients.ros2.programs import NAMESPACE, ROOT, WAIT_S, Program
@@ -266,6 +269,23 @@ def _(shell):
     # Services and topics are not in one order: the model may come after the cloud.
     shell.wait_for(lambda: count(f"<robot name='r'>{part}</robot>") == 1, "one object")
     shell.wait_for(lambda: count("<robot name='r'/>") == 2, "two objects")
+    mesh = f"<mesh filename='file://{write_box(shell.folder)}' scale='0.001 0.001 0.001'/>"
+    part = part.replace("<box size='0.05 0.07 0.08'/>", mesh)
+    shell.wait_for(lambda: count(f"<robot name='r'>{part}</robot>") == 1, "one beside a mesh")
+    shell.wait_for(lambda: count("<robot name='r'/>") == 2, "two objects again")
+
+
+def write_box(folder):
+    """Write the first box of the view as a mesh, mm; return its file."""
+    corners = np.array(list(itertools.product((-25, 25), (-35, 35), (-40, 40))), dtype="<f4")
+    sides = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
+    faces = [face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))]
+    kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    table = np.zeros(len(faces), kind)
+    table["corners"] = corners[np.array(faces)]
+    file = folder / "box.stl"
+    file.write_bytes(bytes(80) + len(faces).to_bytes(4, "little") + table.tobytes())
+    return file
 
 
 @clause("parameters are declared with their meaning; the token is none of them")

@@ -76,7 +76,7 @@ def _(shell):
         node.end()
     server.end()
     assert (answers[0].refused, answers[0].robot.rpartition("/")[2]) == ("", "nao-2")
-    assert "token" in answers[1].refused, answers[1]
+    assert (answers[1].robot, "needs scope write" in answers[1].refused) == ("", True), answers[1]
     return answers[1].refused
 
 

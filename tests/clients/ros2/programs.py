@@ -113,7 +113,7 @@ class Shell:
     def start_node(self, *options, ros=(), ready="ready", namespace=NAMESPACE):
         command = self.options.node.split()
         node = Program([
-            *command, "--server", self.url, "--timeout", "40", *options, "--ros-args",
+            *command, "--server", self.url, "--timeout", "25", *options, "--ros-args",
             "-r", f"__ns:={namespace}", "-r", "~/points:=/camera/points",
             "-r", "~/depth:=/camera/depth", "-r", "~/image:=/camera/image",
             "-r", "~/camera_info:=/camera/camera_info", *ros,

@@ -24,21 +24,21 @@ class View:
         return set_fields(Header(), {"frame_id": "camera_optical", "stamp": time_fields(stamp)})
 
     def cloud(self, stamp):
-        """Return a PointCloud2 as drivers pad it: 32 bytes a point."""
+        """Return a PointCloud2 with padding, as drivers have it: 20 bytes a point, 1.5 MB."""
         from sensor_msgs.msg import PointCloud2, PointField
 
         h, w = self.depth.shape
         fx, fy, cx, cy = self.camera
         v, u = np.mgrid[0:h, 0:w]
         kind = np.dtype({"names": ["x", "y", "z", "rgb"], "formats": ["<f4"] * 3 + ["<u4"],
-                         "offsets": [0, 4, 8, 16], "itemsize": 32})  # fmt: skip
+                         "offsets": [0, 4, 8, 16], "itemsize": 20})  # fmt: skip
         table = np.zeros((h, w), kind)
         table["x"], table["y"] = (u - cx) / fx * self.depth, (v - cy) / fy * self.depth
         table["z"] = self.depth
         red, green, blue = (self.rgb[..., k].astype(np.uint32) for k in range(3))
         table["rgb"] = red << 16 | green << 8 | blue
-        cloud = PointCloud2(header=self.header(stamp), height=h, width=w, point_step=32)
-        cloud.row_step, cloud.is_dense = 32 * w, True
+        cloud = PointCloud2(header=self.header(stamp), height=h, width=w, point_step=20)
+        cloud.row_step, cloud.is_dense = 20 * w, True
         for name, offset in (("x", 0), ("y", 4), ("z", 8), ("rgb", 16)):
             cloud.fields.append(PointField(name=name, offset=offset, datatype=7, count=1))
         cloud.data = (

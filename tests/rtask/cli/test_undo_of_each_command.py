@@ -81,7 +81,7 @@ def _module(command: click.Command) -> str:
 
 
 def test_commands_with_an_opposite_print_it(commands: dict[str, click.Command]) -> None:
-    printing = ("announce_undo(", "announce_stored(")
+    printing = ("announce_undo(", "announce_stored(", "print_change(")
     for name in _UNDONE - {"grasp space"}:  # printed by its report
         assert any(call in _module(commands[name]) for call in printing), name
 

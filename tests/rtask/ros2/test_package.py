@@ -5,11 +5,13 @@ from __future__ import annotations
 import ast
 import json
 import os
+import shutil
 import stat
 import subprocess
 import sys
 import tomllib
 import zipfile
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -48,6 +50,49 @@ def modules(package):
 def test_python_3_10_can_read_every_module(modules):
     for file, text in modules.items():
         ast.parse(text, str(file), feature_version=(3, 10))
+
+
+IMPORT_ALL = """
+import importlib, pathlib, sys
+sys.path.insert(0, sys.argv[1])
+lacking = {}
+for file in sorted(pathlib.Path(sys.argv[1], "rtask_ros2").rglob("*.py")):
+    name = ".".join(file.relative_to(sys.argv[1]).with_suffix("").parts)
+    try:
+        importlib.import_module(name.removesuffix(".__init__"))
+    except ModuleNotFoundError as error:
+        lacking[name] = error.name.partition(".")[0]
+print(sys.version_info[:2], sorted(set(lacking.values())), len(lacking))
+"""
+
+
+def python_3_10() -> str | None:
+    """Return an interpreter of Python 3.10 that starts, or None."""
+    installed = sorted(Path.home().glob(".pyenv/versions/3.10.*/bin/python3.10"))
+    for name in (shutil.which("python3.10"), *map(str, installed)):
+        if (
+            name
+            and subprocess.run([name, "-c", ""], capture_output=True, check=False).returncode == 0
+        ):
+            return name
+    return None
+
+
+def test_python_3_10_itself_imports_every_module_whose_libraries_it_has(package):
+    interpreter = python_3_10()
+    if interpreter is None:
+        pytest.skip("no Python 3.10 here")
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    run = subprocess.run(
+        [interpreter, "-B", "-c", IMPORT_ALL, str(package)], env=environment, check=False,
+        capture_output=True, text=True, timeout=100,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    version, _, rest = run.stdout.partition(") ")
+    names, _, count = rest.rpartition(" ")
+    assert version == "(3, 10"
+    assert set(ast.literal_eval(names)) <= {"numpy", "websockets"}
+    assert int(count) < len(list(package.rglob("*.py"))) / 2
 
 
 def test_it_imports_the_standard_library_its_dependencies_and_ros_only(modules):

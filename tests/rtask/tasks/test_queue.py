@@ -136,6 +136,29 @@ def test_a_claim_runs_out_and_whoever_lost_it_cannot_end_it(engine):
         claiming.claim_step(kb, TABLE, AS_PANDA)
 
 
+def test_no_jump_of_the_clock_keeps_a_step_for_a_robot_that_is_gone(engine):
+    kb = engine.kb
+    kb.update(f"{PREFIXES} INSERT DATA {{ <{NAO}> rt:meets <{PANDA}> }}")
+    store(engine)
+    ahead, back = NOW + dt.timedelta(days=365), NOW - dt.timedelta(days=1)
+    lost = claiming.claim_step(kb, PANDA, AS_PANDA, now=ahead)
+    (plan,) = read_queue(kb)
+    step = next(step for step in plan.steps if step.task == lost.step.task)
+    assert step.claim(ahead) is not None
+    assert step.claim(NOW) is None  # the clock was set right: nothing waits for a year
+    again = claiming.claim_step(kb, PANDA, AS_PANDA, now=NOW)
+    assert (again.step.task, again.claim.begun) == (step.task, NOW)
+    assert again.claim.iri != lost.claim.iri
+    soon = NOW + dt.timedelta(hours=2)
+    assert claiming.claim_step(kb, PANDA, AS_PANDA, now=soon).claim.begun == soon
+    held = claiming.claim_step(kb, PANDA, AS_PANDA, now=back).claim
+    assert held.begun == back
+    claiming.end_claim(kb, PANDA, step.task, "released", AS_PANDA, now=back)
+    (plan,) = read_queue(kb)
+    ended = {c.iri: c.result for step in plan.steps for c in step.claims}
+    assert ended[held.iri] == "released"  # that which lasts, not the last by the clock
+
+
 def test_nobody_claims_or_cancels_for_another_and_a_robot_orders_nobody(engine):
     task = store(engine)
     with pytest.raises(ForbiddenError, match="cannot act for 'panda-1'"):

@@ -211,3 +211,42 @@ def test_what_would_end_the_process_or_be_read_as_something_else_is_refused(tmp_
     with pytest.raises(RobotError) as told:
         bare_robot(path, name="arm")
     assert says in str(told.value)
+
+
+@pytest.mark.parametrize(("shape", "reads"), [("", True), (box("1 1 1"), False)])
+def test_ways_of_a_base_that_drives_are_no_lengths_of_the_robot(tmp_path, shape, reads):
+    """Files of mobile robots and floating hands slide a link without a shape by +-20 m first."""
+    path = arm(tmp_path, box("0.1 0.1 0.1"))
+    slide = "".join(
+        f'<joint name="{a}" type="prismatic"><parent link="{a}"/><child link="{b}"/>'
+        f'<axis xyz="1 0 0"/>{LIMIT.format(-20, 20)}</joint>'
+        for a, b in (("world", "along"), ("along", "base"))
+    )
+    world = f'<link name="world">{shape}</link><link name="along"/>'
+    path.write_text(path.read_text().replace("</robot>", f"{world}{slide}</robot>"))
+    if reads:
+        assert len(bare_robot(path, name="arm")[0].joints) == 4
+        return
+    with pytest.raises(RobotError, match=r"span 80\.6 m: a URDF states lengths in m"):
+        bare_robot(path, name="arm")
+
+
+@pytest.mark.parametrize("strict", [False, True])
+def test_a_frozen_joint_that_states_whom_it_follows_moves_with_it(tmp_path, strict):
+    """Reduced models fix the joints of linkages for libraries that know none that follow."""
+    path = arm(tmp_path, box("0.1 0.1 0.1"), rest='<mimic joint="to_upper" multiplier="-1"/>')
+    first, fixed = path.read_text().split('name="to_fore" type="revolute"')
+    path.write_text(f'{first}name="to_fore" type="fixed"{fixed}')
+    read = read_urdf(path, strict=strict)
+    fore = next(joint for joint in read.joints if joint.name == "to_fore")
+    assert fore.kind == ("fixed" if strict else "revolute")
+    assert fore.mimic == (None if strict else ("to_upper", -1.0))
+    says = "joint 'to_fore' is fixed, but follows 'to_upper'; moves with it"
+    assert (says in read.warnings) is not strict
+
+
+def test_a_fixed_joint_without_a_range_stays_fixed(tmp_path):
+    path = arm(tmp_path, box("0.1 0.1 0.1"), (0, 0), rest='<mimic joint="to_upper"/>')
+    first, fixed = path.read_text().split('name="to_fore" type="revolute"')
+    path.write_text(f'{first}name="to_fore" type="fixed"{fixed}')
+    assert {j.name: j.kind for j in read_urdf(path).joints}["to_fore"] == "fixed"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.spatial import ConvexHull
 
 from grasp.spatial.gripper import nao_hand, panda_hand
 from rtask.errors import UsageError
@@ -19,6 +20,7 @@ from simulate.study.quality.ranks import rank_correlations
 from simulate.study.quality.report import quality_rows, summarise_quality
 from simulate.study.quality.sampler import sampled_grasp
 from simulate.study.quality.trial import RULES, quality_trial
+from simulate.study.quality.varied_objects import VARIED, varied
 
 HAND = panda_hand()
 
@@ -36,6 +38,20 @@ def test_a_generated_object_is_centred_and_suits_its_hand(number: int) -> None:
     assert np.allclose(np.ptp(small.mesh().vertices, axis=0),
                        np.ptp(mesh.vertices, axis=0) * 5 / 8)  # fmt: skip
     assert small.mass == pytest.approx(thing.mass / 10)
+
+
+@pytest.mark.parametrize("number", range(2 * len(VARIED)), ids=VARIED * 2)
+def test_an_object_of_the_wider_family_is_sound(number: int) -> None:
+    thing, again = varied(3, number, HAND), varied(3, number, HAND)
+    assert thing.name == f"{VARIED[number % len(VARIED)]}-{number}"
+    assert all(np.array_equal(a, b) for a, b in zip(thing.parts, again.parts, strict=True))
+    mesh = thing.mesh()
+    assert np.allclose(mesh.com, 0.0, atol=1e-6)
+    assert 0.006 <= thing.mass <= 0.9 * 2.04
+    # Turned any way, nothing is longer than its diagonal.
+    assert np.ptp(mesh.vertices, axis=0).max() <= 4 * HAND.max_opening * np.sqrt(3)
+    # What is thinner than a millimetre, the physics may lose.
+    assert all(ConvexHull(part).volume > 0 for part in thing.parts)
 
 
 def _box() -> GraspObject:
@@ -169,10 +185,11 @@ def test_the_gate_wants_a_pick_that_is_never_below_and_proven_better() -> None:
 
 def _ranked(*pairs: tuple[float, float]) -> dict[str, Any]:
     return {
+        "hand": "panda",
         "ranked": [
             {"carry": score, "carried": [k < round(share * 4) for k in range(4)]}
             for score, share in pairs
-        ]
+        ],
     }
 
 
@@ -180,7 +197,7 @@ def test_ranks_are_compared_over_all_grasps_and_within_objects() -> None:
     light = _ranked((0.9, 0.75), (0.8, 1.0), (0.7, 0.5))  # the two best are swapped
     heavy = _ranked((0.3, 0.25), (0.2, 0.25), (0.1, 0.0))
     alike = _ranked((0.9, 1.0), (0.8, 1.0), (0.7, 1.0))
-    none: dict[str, Any] = {"ranked": []}
+    none: dict[str, Any] = {"hand": "panda", "ranked": []}
     found = rank_correlations([light, heavy, none], "carried")
     assert found["grasps"] == 6
     assert found["over"]["n"] == 2

@@ -15,6 +15,7 @@ from pyoxigraph import BlankNode, NamedNode, Quad
 import ontology
 from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
+from rtask.kb.commit.foreign.claims import Keys
 from rtask.kb.commit.foreign.supports import Support, leaves_of
 from rtask.kb.commit.inference import Staged
 from rtask.kb.commit.schema_right import SchemaRight, namespaces
@@ -24,7 +25,14 @@ from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.quads import InGraph
 from rtask.rdf.terms import Term, TripleKey
 
-__all__ = ["MAX_MERGES", "merge_refused", "merges_of_others", "new_merges", "supports_of"]
+__all__ = [
+    "MAX_MERGES",
+    "merge_refused",
+    "merges_of_others",
+    "new_merges",
+    "remark",
+    "supports_of",
+]
 
 _SAME_AS = NamedNode(ontology.PREFIXES["owl"] + "sameAs")
 MAX_MERGES = 100
@@ -84,6 +92,28 @@ def merge_refused(
         statement=None if quad is None else statement,
         same=[str(first).strip("<>"), str(other).strip("<>")],
         right="schema",
+    )
+
+
+def remark(
+    change: Overlay, derived: InGraph, keys: Keys, store: GraphStore, graphs: Graphs
+) -> str | None:
+    """Return what the author of a stored change is told of things that are, or are not, one.
+
+    Where others claim a key as well nothing follows; where the author may make two things one, a
+    slip of the pen joins all that is known of them, and nothing else would show it.
+    """
+    contested = keys.remark(change.added, store, graphs)
+    if contested is not None or any(quad.predicate == _SAME_AS for quad in change.added):
+        return contested  # whoever states an identity knows of it
+    merges = [triple for triple in derived.having(_SAME_AS) if triple[0] != triple[2]]
+    if not merges:
+        return None
+    first, other, quad, has = _behind(merges, change.added, store, graphs.is_input)
+    why = f", as both have {quad.predicate} {quad.object}" if quad is not None and has else ""
+    return (
+        f"{first} and {other} are one thing from now on{why}: what is stated of one holds for both."
+        " If they are two, withdraw what makes them one"
     )
 
 

@@ -211,3 +211,23 @@ def test_what_a_killed_load_would_have_been_refused_for_is_set_aside_at_the_next
         assert key in {held.quad for held in kb.quarantined()}
         assert kb.verify() == []
     assert not (tmp_path / "kb" / "loading.json").exists()
+
+
+def test_whoever_makes_two_things_one_is_told() -> None:
+    with rtask.open(":memory:", base=BASE) as kb:
+
+        def remark(statements: str, agent: str | None = None) -> str | None:
+            return kb.update(f"{PREFIXES}INSERT DATA {{ {statements} }}", agent).remark
+
+        assert remark("<urn:a> a rt:Mug ; rt:objectId 'lab/1'") is None
+        told = remark("<urn:b> a rt:Mug ; rt:objectId 'lab/1' ; rt:mass 0.2e0")
+        assert told is not None
+        assert "<urn:b> and <urn:a> are one thing from now on" in told
+        assert f'as both have <{RT}objectId> "lab/1"' in told
+        assert remark("<urn:b> rt:name 'cup'") is None  # told once
+        told = remark("<urn:seen> rt:bestMatch <urn:c>, <urn:e>")
+        assert told is not None
+        assert "are one thing from now on:" in told  # not by a key: no value in common
+        assert remark("<urn:d> owl:sameAs <urn:a>") is None  # that is what was stated
+        own = "my:r a cora:Robot ; rt:serialNumber 'S4' . my:r2 a cora:Robot ; rt:serialNumber 'S4'"
+        assert "are one thing from now on, as both have" in (remark(own, "nao-1") or "")

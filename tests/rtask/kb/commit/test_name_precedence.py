@@ -127,6 +127,25 @@ def test_nobody_is_set_aside_by_claiming_a_name_of_another_as_well(lab: Lab) -> 
     assert lab.of(lab.owner) == before
 
 
+def test_an_id_that_begins_with_a_name_is_that_names_to_give(lab: Lab) -> None:
+    ours = f"{lab.owner}/cup"
+    assert lab.insert(f"my:a a rt:Mug ; rt:objectId '{ours}'", lab.stranger).remark is None
+    stored = lab.insert(f"its:cup a rt:Mug ; rt:objectId '{ours}'", lab.owner)
+    assert f'"{ours}" of {lab.stranger}' in (stored.remark or "")
+    [held] = lab.set_aside()
+    assert held.quad.object.value == ours  # type: ignore[union-attr]
+    assert "in quarantine" in (lab.insert("my:a rdfs:label 'a'", lab.stranger).remark or "")
+    for again in ("my:a", "my:b"):
+        with pytest.raises(ForbiddenError, match="another object has that id"):
+            lab.insert(f"{again} a rt:Mug ; rt:objectId '{ours}'", lab.stranger)
+    assert not lab.kb.query(lab.text("ASK { my:a owl:sameAs its:cup }"))
+    # The name decides, not the order: what its owner has given nobody can claim afterwards.
+    lab.insert(f"its:jug a rt:Mug ; rt:objectId '{lab.owner}/jug'", lab.owner)
+    with pytest.raises(ForbiddenError, match="another object has that id"):
+        lab.insert(f"my:c a rt:Mug ; rt:objectId '{lab.owner}/jug'", lab.stranger)
+    lab.assert_sound()
+
+
 def test_an_operator_goes_first_before_a_stranger_but_not_before_the_owner(
     lab: Lab,
 ) -> None:

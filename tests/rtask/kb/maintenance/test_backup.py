@@ -5,7 +5,10 @@ from __future__ import annotations
 import functools
 import os
 import shutil
+import signal
+import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -248,3 +251,54 @@ def test_what_is_derived_is_repaired_from_the_graph(tmp_path: Path) -> None:
         facts = {line for line in everything if "/activity/" not in line}
         missing = facts - set(map(str, kb.store.raw))
         assert all("commitNumber" in line or "tripleCount" in line for line in missing)
+
+
+def _killed(work: Callable[[], object], step: int) -> bool:
+    """Run work in a child that is killed at its n-th step in the file system; False once whole."""
+    child = os.fork()
+    if child:
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    left = step
+
+    def count(event: str, args: tuple[object, ...]) -> None:
+        nonlocal left
+        writes = event == "open" and args[1] not in ("r", "rb")
+        left -= writes or event in ("os.mkdir", "os.rename", "os.link", "shutil.copyfile")
+        if left == 0:
+            left = -1  # the kill is an event as well
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    code = 1
+    try:
+        sys.addaudithook(count)
+        work()
+        code = 0
+    finally:
+        os._exit(code)
+
+
+@pytest.mark.deep
+def test_backups_and_restores_killed_at_any_step_are_whole_or_refused(tmp_path: Path) -> None:
+    original, copy, again = (tmp_path / name for name in ("kb", "copy", "again"))
+    _filled(original).close()
+
+    step = 1
+    while _killed(lambda: _open(original).backup(copy), step):
+        if (copy / "backup.json").exists():
+            assert restore(copy, again)["seq"] == 1
+            shutil.rmtree(again)
+        else:
+            with pytest.raises(StoreFormatError, match="not a complete backup"):
+                restore(copy, again)
+        shutil.rmtree(copy, ignore_errors=True)
+        step += 1
+    assert step > 15
+    step = 1
+    while _killed(lambda: restore(copy, again), step):
+        if (again / "kb.json").exists():  # without it, nothing takes what is there for whole
+            break
+        shutil.rmtree(again, ignore_errors=True)
+        step += 1
+    assert step > 15
+    with _open(again) as kb:
+        assert (kb.seq, kb.verify()) == (1, [])
