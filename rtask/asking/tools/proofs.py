@@ -102,9 +102,9 @@ class Past(PagedAnswer):
 
 
 @tool(
-    "Say why a statement holds or what it lacks; not decided is neither yes nor no.",
+    "Say why a statement holds or what it lacks; not decided is not no.",
     {"s": "kb:object/7", "p": "a", "o": "rt:Mug"},
-    {"s": "kb:robot/nao", "p": "rt:canGrasp", "o": '"red mug"'},
+    {"s": "kb:robot/nao", "p": "rt:canGrasp", "o": '"mug"'},
     entries=("steps", "needs"),
     source="reasoner",
 )
