@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from endpoint.access.auth import Caller, cors_headers
 from endpoint.context import ServerContext
-from endpoint.follow.versions import minimum_version, staleness_headers
+from endpoint.follow.versions import minimum_version, staleness_headers, unknown_so_far
 from endpoint.http.compression import compressed, unpacked
 from endpoint.http.messages import Request, Response, require_method
 from endpoint.http.plan import Plan
@@ -185,8 +185,10 @@ class Application:
         return not stuck
 
     def _problem(self, error: Exception, job: Job) -> Response:
-        response = problem(error, job.request.id)
-        metrics = self.context.metrics
+        context = self.context
+        more = unknown_so_far(error, context.following, context.versions.current())
+        response = problem(error, job.request.id, more)
+        metrics = context.metrics
         if response.status == 429:
             metrics.count("rtask_rate_limited_total")
         if isinstance(error, AccessError):

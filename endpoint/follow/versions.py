@@ -8,8 +8,9 @@ from collections.abc import Callable
 from endpoint.http.following import Following
 from endpoint.http.messages import RefusedError, Response
 from endpoint.served import ServedGraph
+from rtask.errors import UnknownTermError
 
-__all__ = ["minimum_version", "staleness_headers"]
+__all__ = ["minimum_version", "staleness_headers", "unknown_so_far"]
 
 WAIT_S = 2.0
 
@@ -51,6 +52,28 @@ def minimum_version(kb: ServedGraph, text: str) -> Callable[[Callable[[], Respon
         return then()
 
     return run
+
+
+def unknown_so_far(
+    error: Exception, following: Following | None, version: str
+) -> dict[str, object]:
+    """Return members for the problem details of what a copy does not know, or not yet.
+
+    What its writer stored since may still be on its way, so that "unknown" is not "there is none".
+    """
+    if following is None or not isinstance(error, UnknownTermError):
+        return {}
+    members: dict[str, object] = {
+        "as_of": version,
+        "commits_behind": following.commits_behind,
+        "seconds_behind": round(following.seconds_behind, 3),
+    }
+    if following.commits_behind or not following.is_connected:
+        members["not_yet"] = (
+            "this copy lags behind its writer, where it may be known by now; ask again later, or "
+            f"ask {following.url}"
+        )
+    return members
 
 
 def staleness_headers(following: Following) -> list[tuple[str, str]]:

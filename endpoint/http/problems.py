@@ -10,7 +10,9 @@ from __future__ import annotations
 import json
 import logging
 import math
+from collections.abc import Mapping
 from http import HTTPStatus
+from types import MappingProxyType
 from typing import Any
 
 from endpoint.http.messages import RefusedError, Response
@@ -80,11 +82,20 @@ def slug_of(error: Exception) -> str:
     return error.slug
 
 
-def problem(error: Exception, instance: str = "") -> Response:
-    """Turn an error into a response, and log it if it was unexpected."""
+def problem(
+    error: Exception, instance: str = "", more: Mapping[str, object] = MappingProxyType({})
+) -> Response:
+    """Turn an error into a response, and log it if it was unexpected.
+
+    Parameters
+    ----------
+    more
+        Further members of the problem details.
+    """
     if not isinstance(error, RtaskError):
         _log.error("request %s failed", instance or "-", exc_info=error)
-    text = json.dumps(details_of(error, instance), default=str, ensure_ascii=False)
+    details = {**details_of(error, instance), **more}
+    text = json.dumps(details, default=str, ensure_ascii=False)
     body = text.encode(errors="backslashreplace")  # half of a surrogate pair, as JSON escapes it
     headers: tuple[tuple[str, str], ...] = ()
     if isinstance(error, RefusedError):

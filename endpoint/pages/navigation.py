@@ -4,9 +4,20 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from endpoint.pages.render import blueprint
+from endpoint.pages.render import blueprint, context
+from rtask.errors import UnknownTermError
+from rtask.extras import missing_libraries
 
-__all__ = ["MORE", "SECTIONS", "Section", "section_of"]
+__all__ = ["EXTRA_OF_SERVICE", "MORE", "SECTIONS", "Section", "is_offered", "section_of"]
+
+EXTRA_OF_SERVICE = {"example/Kinematics": "simulate", "example/Trajopt": "simulate"}
+"""Services of an installed package that are not offered where its extra is missing."""
+_NEEDS = {
+    "/tools/grasp": ("example/Grasping",),
+    "/tools/arm": ("example/Kinematics", "example/Trajopt"),
+    "/tools/pipeline": ("rtask/Pipeline",),
+}
+"""Services without which there is no such page."""
 
 
 class Section(NamedTuple):
@@ -62,7 +73,25 @@ def section_of(path: str) -> str:
     return ""
 
 
+def is_offered(address: str) -> bool:
+    """Return whether a server has the services of a page, or the page says what to install."""
+    return all(_has_service(service) for service in _NEEDS.get(address, ()))
+
+
+def _has_service(service: str) -> bool:
+    try:
+        context().services.registry.find(service)
+    except UnknownTermError:
+        extra = EXTRA_OF_SERVICE.get(service, "")
+        return bool(extra and missing_libraries(extra))
+    return True
+
+
 @blueprint.app_context_processor
 def _sections() -> dict[str, object]:
     """Provide templates with the links of header and footer."""
-    return {"site_sections": SECTIONS, "more_pages": MORE, "section_of": section_of}
+    return {
+        "site_sections": [section for section in SECTIONS if is_offered(section.address)],
+        "more_pages": [(address, name) for address, name in MORE if is_offered(address)],
+        "section_of": section_of,
+    }

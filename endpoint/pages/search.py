@@ -14,6 +14,7 @@ import ontology
 from endpoint.activity.words import title
 from endpoint.http.messages import RefusedError
 from endpoint.pages.graph.resource import expand
+from endpoint.pages.navigation import is_offered
 from endpoint.pages.render import (
     Model,
     about,
@@ -124,7 +125,8 @@ def _read() -> Iterable[Entry]:
         address = about(iri, "/classes") if kind == "class" else resource_url(iri)
         yield Entry(str(row["group"]), str(row["name"]), kind, address, words)
     for address, name, more in _PAGES:
-        yield Entry("pages", name, "page", address, words_of(name, more))
+        if is_offered(address):
+            yield Entry("pages", name, "page", address, words_of(name, more))
 
 
 def words_of(*texts: object) -> tuple[str, ...]:

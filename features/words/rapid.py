@@ -70,14 +70,23 @@ class RapidReader:
         self.name = f"rapidocr {version}, {_NETWORKS['Rec'].removesuffix('.onnx')}"
 
     def read(self, rgb: UInt8Array) -> Sequence[Word]:
-        """Return the lines in a picture (h, w, 3) uint8, in no particular order."""
+        """Return the lines in a picture (h, w, 3) uint8, in no particular order.
+
+        Raises
+        ------
+        ValueError
+            The library failed on it.
+        """
         scale = min(1.0, _MAX_SIDE_PX / max(rgb.shape[:2]))
         bgr = np.ascontiguousarray(rgb[..., ::-1])
         if scale < 1.0:
             size = (round(rgb.shape[1] * scale), round(rgb.shape[0] * scale))
             bgr = np.asarray(cv2.resize(bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
-        with self._reading:
-            result = self._engine(bgr)
+        try:
+            with self._reading:
+                result = self._engine(bgr)
+        except Exception as error:  # those of the library have no narrower base in common
+            raise ValueError(f"{self.name}: a picture of {rgb.shape}: {error}") from error
         if result.boxes is None or result.txts is None or result.scores is None:
             return ()
         lines = zip(result.txts, result.scores, result.boxes, strict=True)

@@ -93,7 +93,13 @@ class WordReader(Protocol):
         """Name and version: what another one read may differ."""
 
     def read(self, rgb: UInt8Array) -> Sequence[Word]:
-        """Return the words in a picture (h, w, 3) uint8; none are no error."""
+        """Return the words in a picture (h, w, 3) uint8; none are no error.
+
+        Raises
+        ------
+        ValueError
+            The picture cannot be read.
+        """
 
 
 def words_of_view(reader: WordReader, rgb: UInt8Array, mask: NDArray[np.bool_]) -> tuple[Word, ...]:

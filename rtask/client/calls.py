@@ -531,6 +531,7 @@ Recognition = TypedDict(
         "max_contact_force": float,
         "allowed_touch_objects": list[str],
         "grasps": list[OfferedGrasp],
+        "grasps_left_out": int,
         "shape": dict[str, Any] | None,
         "recognition": dict[str, Any],
         "similar_objects": list[SimilarObject],
@@ -613,6 +614,7 @@ class PlannedGrasps(TypedDict):
     commit: str
     tried: dict[str, int]
     grasps: list[RecalledGrasp]
+    grasps_left_out: int
 
 
 class SceneSegment(TypedDict):
@@ -667,6 +669,7 @@ class SceneGrasps(TypedDict):
     tried: dict[str, int]
     segments: list[SceneSegment]
     grasps: list[SceneGrasp]
+    grasps_left_out: int
 
 
 class ReconstructedMesh(TypedDict):
@@ -742,6 +745,7 @@ class ResolvedRequest(TypedDict):
     class_iri: str
     label: str
     grasps: list[RecalledGrasp]
+    grasps_left_out: int
     objects: list[OfferedObject]
     reasons: list[Reason]
     understood: dict[str, Any]

@@ -296,6 +296,13 @@ def test_a_follower_goes_on_without_its_writer_and_takes_its_place_when_promoted
             return "RTASK-Stale" in answer.headers
 
         _wait(is_stale)
+        asked = httpx.post(
+            follower.url + "/engine/recall_grasps", json={"object": "cup"}, headers=robot
+        )
+        unknown = asked.json()
+        assert unknown["type"] == "/errors/unknown-term"
+        assert unknown["as_of"] == asked.headers["RTASK-Version"]
+        assert "lags behind its writer" in unknown["not_yet"]
         text = {"update": "INSERT DATA { <urn:new> <urn:p> 1 }"}
         refused = httpx.post(follower.url + "/update", data=text, headers=robot)
         assert (refused.status_code, refused.json()["type"]) == (503, "/errors/writer-unreachable")

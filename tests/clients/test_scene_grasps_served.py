@@ -73,7 +73,11 @@ def test_a_grasp_from_one_view_of_several_things_holds(server: RunningServer) ->
         none = client.plan_on_scene(**mine, region=[0.8, 0.9, -0.1, 0.1])
         assert none["grasps"] == []
         assert none["reason"] == "nothing is seen on the table, or within the region"
-        many = client.plan_on_scene(**mine, max_grasps=50)["grasps"]
+        whole = client.plan_on_scene(**mine, max_grasps=50)
+        many = whole["grasps"]
+        total = len(many) + whole["grasps_left_out"]
+        assert len(told["grasps"]) + told["grasps_left_out"] == total > len(told["grasps"])
+        assert none["grasps_left_out"] == 0
         strict = client.plan_on_scene(**mine, max_grasps=50, min_confidence=0.9)["grasps"]
         assert 0 < len(strict) < len(many)
         assert all(grasp["confidence"] >= 0.9 for grasp in strict)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from endpoint.http.messages import RefusedError
+from endpoint.pages.navigation import EXTRA_OF_SERVICE
 from endpoint.pages.render import Model, context, page
 from endpoint.pages.services.datasets import readable_datasets
 from rtask.errors import UnknownTermError
@@ -15,12 +16,10 @@ from rtask.extras import missing_libraries, needs_extra
 from rtask.services.definition import Definition
 from rtask.wire.forms import controls_of
 
-__all__ = ["EXTRA_OF_SERVICE", "KINEMATICS", "ROBOTS", "service_named"]
+__all__ = ["KINEMATICS", "ROBOTS", "service_named"]
 
 _GRASPING, KINEMATICS, _PLANNING = "example/Grasping", "example/Kinematics", "example/Trajopt"
 ROBOTS = "robots/"
-EXTRA_OF_SERVICE = {KINEMATICS: "simulate", _PLANNING: "simulate"}
-"""Services of an installed package that are not offered where its extra is missing."""
 _SETTINGS = ("link_radius", "seed", "iterations")
 _SCENES: dict[str, Model] = {
     "robots/PlanarArm": {"look": "top", "arm": "arm", "start": [-2.0, 0.0, 0.0],

@@ -190,6 +190,9 @@ def _show_resolved(answer: ResolvedRequest) -> None:
                 f"  {grasp['id']}  confidence {sure:.2f}, "
                 f"held {stats['successes']} of {stats['attempts']}"
             )
+        if answer["grasps_left_out"]:
+            all_of_it = f"rtask objects show {answer['object']}"
+            click.echo(f"{answer['grasps_left_out']} more grasps; {all_of_it} lists them", err=True)
         for line in answer["explanation"]["proof"]:
             click.echo(f"  {line}")
         if answer["grasps"]:

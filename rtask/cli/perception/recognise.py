@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["recognise"]
 
+_SHOWN = 3
 _VERDICTS = {
     "null": "no known object",
     "single": "one known object",
@@ -121,13 +122,16 @@ def recognise(
             verdict += f", pose {pose['confidence']:.2f}"
             verdict += "" if pose["accepted"] else " (cannot be determined)"
         click.echo(f"{row['label']:4d}  {verdict}")
-        for match in row["matches"][:3]:
+        for match in row["matches"][:_SHOWN]:
             evidence = ""
             if "inliers" in match:
                 evidence = f"  {match['inliers']} inliers, appearance {match['appearance']:.2f}"
             click.echo(
                 f"      {match['confidence']:.2f}  {match['name']}  {match['object']}{evidence}"
             )
+        left_out = len(row["matches"]) - _SHOWN
+        if left_out > 0:
+            click.echo(f"      {left_out} more that it is like; --json lists them")
     _announce_why(rows, server, has_plot=save_plot is not None)
     exit_if_empty(recognised)
 

@@ -48,7 +48,7 @@ log = logging.getLogger(__name__)
 
 _READING = "reading"
 _PRINT = 6
-_TOKENS = 16
+_TOKENS, _NAME = 16, 200
 _READINGS = 16
 """Latest readings that are kept: a robot sends a view twice, to ask and to report."""
 
@@ -116,14 +116,17 @@ class PrintedWords:
         """Name and version of the program."""
         return self._reader.name
 
-    def read(self, seen: Observation) -> tuple[Word, ...]:
-        """Return the words of a look; none where it has no picture of a camera."""
+    def read(self, seen: Observation) -> tuple[Word, ...] | None:
+        """Return the words of a look; None without a picture of a camera that can be read."""
         if seen.frame.rgb is None or seen.is_rendered:
-            return ()
+            return None
         return self.read_picture(seen.frame.rgb, seen.frame.object_mask())
 
-    def read_picture(self, rgb: UInt8Array, mask: NDArray[np.bool_]) -> tuple[Word, ...]:
-        """Return the words on an object in a picture (h, w, 3) under a mask (h, w)."""
+    def read_picture(self, rgb: UInt8Array, mask: NDArray[np.bool_]) -> tuple[Word, ...] | None:
+        """Return the words on an object in a picture (h, w, 3) under a mask (h, w).
+
+        None where the reader fails on it: that is not read, and says nothing.
+        """
         from features.words.word import words_of_view
 
         digest = hashlib.sha256(rgb.tobytes())
@@ -131,7 +134,11 @@ class PrintedWords:
         key = digest.hexdigest()
         words = self._readings.get(key)
         if words is None:
-            words = words_of_view(self._reader, rgb, mask)
+            try:
+                words = words_of_view(self._reader, rgb, mask)
+            except ValueError as error:
+                log.warning("not read: %s", error)
+                return None
             self._readings.put(key, words)
         return words
 
@@ -170,8 +177,11 @@ class PrintedWords:
         stored = by_view.get(match.view_iri, ())
         if not stored or match.homography is None:
             return None
+        seen_words = self.read(seen)
+        if not seen_words:
+            return None
         vocabulary = {word.text for words in by_view.values() for word in words}
-        return contradicting_word(self.read(seen), stored, vocabulary, match.homography)
+        return contradicting_word(seen_words, stored, vocabulary, match.homography)
 
 
 def _is_sibling_near(recognition: Recognition) -> bool:
@@ -186,7 +196,7 @@ def state_words(triples: Triples, view: NamedNode, words: Sequence[Word], reader
     """State the words of a view as one reading, which may have none."""
     reading = iri(f"{view.value}/{_READING}")
     triples.add(view, RT.viewContent, reading)
-    triples.node(reading, [RT.TextReading], {RT.readBy: reader})
+    triples.node(reading, [RT.TextReading], {RT.readBy: reader[:_NAME]})
     for number, word in enumerate(words, 1):
         node = iri(f"{reading.value}/{number}")
         triples.add(reading, RT.hasWord, node)

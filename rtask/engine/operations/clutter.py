@@ -130,6 +130,8 @@ class SceneGrasps(Answer):
     tried: dict[str, int]
     segments: list[SceneSegment]
     grasps: list[SceneGrasp]
+    grasps_left_out: int
+    """how many more are as sure as min_confidence demands; max_grasps asks for them"""
 
 
 @operation("read", "reads", "plan grasps in clutter: of everything in one view of a table")
@@ -148,7 +150,7 @@ def plan_on_scene(context: Context, request: PlanOnScene, access: Access) -> Sce
     if view is None:
         return SceneGrasps(
             reason="no table is seen: no level plane is large enough", advice="",
-            table_height=0.0, tried={}, segments=[], grasps=[],
+            table_height=0.0, tried={}, segments=[], grasps=[], grasps_left_out=0,
         )  # fmt: skip
     options = SceneOptions(samples=request.samples, complete=request.complete, seed=request.seed)
     grasps = plan_in_view(view, hand, options)
@@ -172,6 +174,7 @@ def plan_on_scene(context: Context, request: PlanOnScene, access: Access) -> Sce
         tried=dict(grasps.counts),
         segments=_segments(view, identities),
         grasps=_messages(sure[: request.max_grasps], hand, request.frame_id, identities),
+        grasps_left_out=max(len(sure) - request.max_grasps, 0),
     )
 
 

@@ -90,6 +90,9 @@ class PlannedGrasps(Answer):
     commit: str
     tried: dict[str, int]
     grasps: list[RecalledGrasp]
+    grasps_left_out: int
+    """how many more are as sure as min_confidence demands, and are not stored; max_grasps asks for
+    them"""
 
 
 Planned = TypeVar("Planned")
@@ -205,6 +208,7 @@ def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> Pla
         grasps=as_messages(
             context, [stored_grasps[name] for name in dict.fromkeys(stored["grasps"])], registered
         ),
+        grasps_left_out=max(len(sure) - request.max_grasps, 0),
     )
 
 

@@ -83,6 +83,8 @@ class Recognition(GraspFields, _Recognised):
     """The object and its grasps; `decision` is null unless requested."""
 
     grasps: list[OfferedGrasp]
+    grasps_left_out: int
+    """how many more could be tried; max_grasps asks for them"""
     shape: Json | None
     recognition: Json
     similar_objects: list[SimilarObject]
@@ -139,6 +141,7 @@ def fields_of(situation: Situation, max_grasps: int) -> dict[str, Any]:
         "statistics": grasps[0].statistics if grasps else summary(0, 0),
         **{name: top[name] for name in GraspFields.model_fields},
         "grasps": grasps,
+        "grasps_left_out": max(len(situation.chosen) - max_grasps, 0),
         "shape": None if shape is None else {
             "x": float(shape.centre[0]),
             "y": float(shape.centre[1]),

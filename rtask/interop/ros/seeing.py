@@ -304,7 +304,10 @@ class SampleAction:
         self.server.publish_feedback(feedback)
         threading.Event().wait(AGAIN_S)
         self.server.publish_feedback(feedback)
-        answer.grasp_state = f"{len(poses)} grasps of {result.objects[target].name or 'unknown'}"
+        seen = result.objects[target]
+        answer.grasp_state = f"{len(poses)} grasps of {seen.name or 'unknown'}"
+        if seen.grasps_left_out:
+            answer.grasp_state += f", {seen.grasps_left_out} more are left out"
         self.server.set_succeeded(answer)
 
 

@@ -105,7 +105,7 @@ def answer_parts(grasps: int) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     whole = {
         "task_response": "grasp", "task_id": "t-1", "object": "urn:o", "class_iri": "urn:c",
         "label": "cup", "confidence": 0.97, **top, "shape": None, "recognition": {"matches": []},
-        "similar_objects": [], "decision": None, "times": {"total_s": 0.1},
+        "similar_objects": [], "grasps_left_out": 0, "decision": None, "times": {"total_s": 0.1},
     }  # fmt: skip
     return offered, whole
 

@@ -262,6 +262,7 @@ def report_words(shows_missed: bool) -> None:
             ("frozen before tuning", question_words.unseen(kb)),
             ("in three styles", question_words.unseen(kb, "asking_fifth.toml")),
             ("spoken, and by visitors", question_words.unseen(kb, "asking_sixth.toml")),
+            ("in haste, and by heads", question_words.unseen(kb, "asking_seventh.toml")),
         ):
             tried = list(tries)
             right = sum(one.is_filled for one in tried)

@@ -129,3 +129,14 @@ def test_the_example_of_a_property_of_records_finds_them(kb: rtask.KnowledgeBase
         card = card_of(lab.select, find_term(lab.select, "rt:graphOwner"))
         assert card.count == 1
         assert len(lab.select(prologue(ontology.PREFIXES) + card.example)) == 1
+
+
+def test_a_page_leads_only_to_pages_that_the_server_has(client: FlaskClient) -> None:
+    """This application offers no services, so that there is no editor of grasps or pipelines."""
+    page = client.get("/terms", headers=HTML).get_data(as_text=True)
+    leads = set(re.findall(r'(?:header|nav|footer|a)[^>]* href="(/[a-z/]*)"', page))
+    assert {"/objects", "/terms", "/plan"} <= leads
+    missing = {path for path in leads if client.get(path, headers=HTML).status_code == 404}
+    assert missing == set()
+    found = client.get("/search", query_string={"q": "pipeline"}).get_data(as_text=True)
+    assert "/tools/pipeline" not in found

@@ -79,6 +79,8 @@ class ResolvedRequest(Answer):
     class_iri: str
     label: str
     grasps: list[RecalledGrasp]
+    grasps_left_out: int
+    """how many more of the object are known; max_grasps asks for them"""
     objects: list[OfferedObject]
     reasons: list[Reason]
     understood: Json

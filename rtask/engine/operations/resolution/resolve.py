@@ -16,7 +16,7 @@ from rtask.engine.memory.confidence import posterior
 from rtask.engine.memory.meaning import meaning
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
-from rtask.engine.operations.grasps import RecalledGrasp, recalled
+from rtask.engine.operations.grasps import recalled
 from rtask.engine.operations.operation import operation
 from rtask.engine.remembered import Memory, Remembered, RememberedObject
 from rtask.rdf.namespaces import local_name
@@ -62,6 +62,7 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
         memory.objects.get(best.iri, RememberedObject(best.iri)) if best else RememberedObject("")
     )
     reasons = find_reasons(context, request.wanted, meant, candidates, excluded)
+    grasps = _grasps(memory, best, gripper)
     if untried:
         reasons.append(undecided(context, meant, len(candidates), untried))
     return ResolvedRequest(
@@ -70,7 +71,8 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
         thing=best.thing if best else "",
         class_iri=remembered.class_iri,
         label=remembered.label,
-        grasps=_grasps(context, memory, best, gripper, request.max_grasps),
+        grasps=recalled(context, grasps, request.max_grasps),
+        grasps_left_out=max(len(grasps) - request.max_grasps, 0),
         objects=[candidate.message() for candidate in offered],
         reasons=reasons,
         understood={
@@ -117,14 +119,10 @@ def _order(candidate: ObjectCandidate) -> tuple[bool, bool, float, str]:
 
 
 def _grasps(
-    context: Context,
-    memory: Memory,
-    best: ObjectCandidate | None,
-    gripper: StoredGripper,
-    most: int,
-) -> list[RecalledGrasp]:
+    memory: Memory, best: ObjectCandidate | None, gripper: StoredGripper
+) -> list[Remembered]:
+    """Return the known grasps of an object for a type of gripper."""
     if best is None:
         return []
     kind = gripper.gripper.gripper_type
-    mine = [g for g in memory.of(best.iri) if g.gripper_type == kind]
-    return recalled(context, mine, most)
+    return [g for g in memory.of(best.iri) if g.gripper_type == kind]

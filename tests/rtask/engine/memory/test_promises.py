@@ -55,6 +55,8 @@ def test_what_is_planned_is_promised_and_outcomes_move_all_that_is_promised(
     robot: Any, can: str, bench: Any
 ) -> None:
     plan = robot.call("plan_in_space", object=can, **PLAN)
+    assert len(plan["grasps"]) == PLAN["max_grasps"]
+    assert plan["grasps_left_out"] > 0
     first, other = plan["grasps"][0], plan["grasps"][-1]
     before = first["promise"]
     assert before["outcomes"] == 0

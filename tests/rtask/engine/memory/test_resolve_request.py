@@ -256,3 +256,20 @@ def test_colours_that_a_camera_saw_and_traits_narrow_a_request(room):
     assert [one["label"] for one in heavy["reasons"]] == ["blue mug"]
     assert heavy["understood"]["traits"] == [RT + "trait_heavy"]
     assert room.ask("a heavy can")["task_response"] == "unmet"
+
+
+def test_grasps_beyond_max_grasps_are_counted(room, bench):
+    assert room.ask("something to drink from")["grasps_left_out"] == 0
+    seen = bench.sight(bench.CAN)
+    every = room.robot.recognise(seen, max_grasps=50)
+    first = room.robot.recognise(seen, max_grasps=1)
+    assert len(first["grasps"]) == 1 < len(every["grasps"])
+    assert 1 + first["grasps_left_out"] == len(every["grasps"]) + every["grasps_left_out"]
+
+    for number, grasp in enumerate(every["grasps"][:2]):
+        told = {"grasp": grasp, "outcome": bench.held(), "task_id": f"urn:try:{number}"}
+        room.robot.insert(seen, object=room.cola, **told)
+    known = room.ask("something to drink from", max_grasps=50)
+    cut = room.ask("something to drink from", max_grasps=1)
+    assert len(cut["grasps"]) == 1
+    assert cut["grasps_left_out"] == len(known["grasps"]) - 1 > 0

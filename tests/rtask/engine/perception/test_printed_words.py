@@ -161,6 +161,22 @@ def test_views_stored_before_are_read_once_by_a_command(tmp_path):
         assert not engine.call("search_object", look("NATURELL", 8))["accepted"]
 
 
+def test_a_picture_on_which_the_reader_fails_is_stored_unread(reading):
+    engine, reader = reading
+
+    def failing(rgb):
+        raise ValueError("the network gave nothing")
+
+    read, reader.read = reader.read, failing
+    store(engine)
+    assert engine.call("search_object", look("NATURELL", 8))["accepted"]
+    assert len(unread_views(engine.kb)) == 1
+    assert engine.read_words() == (0, 0, 1)
+    reader.read = read
+    assert engine.read_words() == (1, 1, 0)
+    assert not engine.call("search_object", look("NATURELL", 9))["accepted"]
+
+
 def test_reading_is_switched_on_by_name_and_names_its_extra(kb, monkeypatch):
     monkeypatch.setenv("RTASK_WORDS", "yes")
     with pytest.raises(UsageError, match="RTASK_WORDS is 'yes': 1 to read words"):

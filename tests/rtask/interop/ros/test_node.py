@@ -270,7 +270,7 @@ def test_the_task_constructor_gets_poses_with_costs_and_may_touch_that_object(
     told, *again = sampled["feedback"]  # the first may have come before the goal was accepted
     assert again in ([], [told])
     assert len(told["grasp_candidates"]) == len(told["costs"]) > 0
-    assert sampled["grasp_state"] == f"{len(told['costs'])} grasps of tea"
+    assert sampled["grasp_state"].startswith(f"{len(told['costs'])} grasps of tea")
     assert told["costs"] == sorted(told["costs"])
     assert all(0 <= cost <= 1 for cost in told["costs"])
     assert {pose["header"]["frame_id"] for pose in told["grasp_candidates"]} == {"base_footprint"}
