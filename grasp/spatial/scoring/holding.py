@@ -133,7 +133,7 @@ def with_holding(
     """Return the candidates with ``lift``, ``carry``, ``lever``, ``patch`` and ``taper`` as scores.
 
     These order grasps; ``lift_chance``, ``lift_at_least`` and those of ``carry`` are what is
-    promised by all of them and ``load``, the weight over what the friction bears.
+    promised of the first two under ``load``, the weight over what the friction bears.
 
     Parameters
     ----------
@@ -173,8 +173,8 @@ def with_holding(
         middle = candidate.centre if candidate.contacts is None else candidate.contacts.mean(axis=0)
         scores = {name: float(mean[i]) * sure for name, mean in means.items()}
         scores["load"] = float(demand.force[i].mean())
+        scores |= promises.of(scores)
         lever = float(np.linalg.norm(middle - mesh.com))
         scores |= {"lever": lever, "patch": float(patch[i]), "taper": float(taper[i])}
-        scores |= promises.of(scores)
         scored.append(replace(candidate, scores={**candidate.scores, **scores}))
     return scored

@@ -7,20 +7,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from grasp.spatial.scoring.promises import FACTORY, RESTS_ON, Outcome
+from grasp.spatial.scoring.promises import FACTORY, Outcome
 
 __all__ = ["read_outcomes"]
 
 _OUTCOMES = {"lifted": "lift", "carried": "carry"}
+_SCORES = (*FACTORY, "load")
 _MAX_BYTES = 64 * 2**20
 
 
 def read_outcomes(path: Path) -> list[Outcome]:
     """Return the outcomes of a file, for :meth:`grasp.spatial.scoring.promises.Promises.after`.
 
-    Each line has the scores of a grasp that was carried out, ``lift``, ``carry`` and, the more the
-    better, ``load``, ``patch``, ``taper`` and ``lever``, as ``rtask grasp space --json`` prints
-    them, and whether it ``lifted`` and ``carried`` the object:
+    Each line has the scores of a grasp that was carried out, ``lift``, ``carry`` and ``load``, as
+    ``rtask grasp space --json`` prints them, and whether it ``lifted`` and ``carried`` the object:
     true or false, or left out where that is not known. Anything else on a line is left alone.
 
     Raises
@@ -54,7 +54,7 @@ def read_outcomes(path: Path) -> list[Outcome]:
 def _outcome(row: Any) -> Outcome:
     if not isinstance(row, Mapping):
         raise ValueError("expected an object with lift, carry, load, lifted, carried")
-    scores = {name: _share(name, row[name]) for name in RESTS_ON if row.get(name) is not None}
+    scores = {name: _share(name, row[name]) for name in _SCORES if row.get(name) is not None}
     held = {}
     for word, score in _OUTCOMES.items():
         value = row.get(word)

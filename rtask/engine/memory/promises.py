@@ -1,9 +1,8 @@
 """What is promised of planned grasps, grown from the outcomes in the graph.
 
 A grasp planned on a mesh keeps the scores that it was ranked by (``rt:liftScore``,
-``rt:carryScore``) and what else promises rest on, such as the weight that was assumed
-(``rt:loadShare``). Once it was tried, its outcome says whether what was promised of these scores
-held, and everything that is promised of the same hand follows; see
+``rt:carryScore``, ``rt:loadShare``). Once it was tried, its outcome says whether what was promised
+of these scores held, and everything that is promised of the same hand follows; see
 :mod:`grasp.spatial.scoring.promises`.
 """
 
@@ -26,7 +25,6 @@ __all__ = ["SCORES", "grown_promises", "hands_of_type", "stored_scores"]
 
 SCORES: Mapping[str, NamedNode] = {
     "lift": RT.liftScore, "carry": RT.carryScore, "load": RT.loadShare,
-    "patch": RT.patchShare, "taper": RT.padLean, "lever": RT.leverArm,
 }  # fmt: skip
 """Property of an evaluation for each score that promises rest on."""
 
@@ -35,11 +33,7 @@ _TRUSTED = 0.5
 """Reports that count less than this are left out: here an outcome counts in whole or not at all."""
 
 _SCORED = """?grasp rt:hasEvaluation ?evaluation . ?evaluation rt:liftScore ?lift ;
-    rt:carryScore ?carry """ + " ".join(
-    f"OPTIONAL {{ ?evaluation <{of.value}> ?{name} }}"
-    for name, of in SCORES.items() if name not in ("lift", "carry")
-)  # fmt: skip
-_NAMES = " ".join(f"?{name}" for name in SCORES)
+    rt:carryScore ?carry OPTIONAL { ?evaluation rt:loadShare ?load }"""
 
 
 def grown_promises(
@@ -66,11 +60,11 @@ def hands_of_type(context: Context, gripper_type: str) -> list[NamedNode]:
 
 
 def stored_scores(context: Context, grasps: Sequence[str]) -> dict[str, dict[str, float]]:
-    """Return the :data:`SCORES` of those grasps (IRIs) that keep them, as far as they are known."""
+    """Return ``lift``, ``carry`` and, if known, ``load`` of those grasps (IRIs) that keep them."""
     if not grasps:
         return {}
     rows = context.kb.select(f"""{PREFIXES}
-SELECT ?grasp {_NAMES} WHERE {{ VALUES ?grasp {{ {values(grasps)} }} {_SCORED} }}""")
+SELECT ?grasp ?lift ?carry ?load WHERE {{ VALUES ?grasp {{ {values(grasps)} }} {_SCORED} }}""")
     return {str(row.value("grasp")): _scores(row) for row in rows}
 
 
@@ -78,7 +72,7 @@ def _outcomes(context: Context, hands: Sequence[NamedNode]) -> list[Outcome]:
     if not hands:
         return []
     rows = context.kb.select(f"""{PREFIXES}
-SELECT DISTINCT ?attempt ?robot {_NAMES} ?held ?decided ?reason ?placed ?lost WHERE {{
+SELECT DISTINCT ?attempt ?robot ?lift ?carry ?load ?held ?decided ?reason ?placed ?lost WHERE {{
   VALUES ?hand {{ {values([hand.value for hand in hands])} }}
   ?attempt rt:activates ?hand ; rt:performedBy ?robot .
   {JUDGED}

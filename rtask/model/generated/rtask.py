@@ -1302,20 +1302,12 @@ class GraspEvaluation(InformationEntity):
         The lower bound Q on the probability of force closure (Kehoe 2014, 3.1). [UNITLESS]
     grasp_confidence
         The confidence s_G in [0, 1]: mean quality over weighted perturbations. [UNITLESS]
-    lever_arm
-        The distance from the centre of mass to the middle of the contacts. [M]
     lift_score
         The score in [0, 1] by which a grasp is ranked for lifting at 1 g; a hand's outcomes
         map it to a chance. [UNITLESS]
     load_share
         The weight of the object over what the friction of the hand bears, as assumed when the
         grasp was planned. [UNITLESS]
-    pad_lean
-        The tangent of half the angle by which both pads lean against each other over the
-        friction coefficient, in the mean over the perturbations. [UNITLESS]
-    patch_share
-        The share of its lines with which the pad that holds less meets the object, in the
-        mean over the perturbations. [UNITLESS]
     sample_count
         The number of perturbations tried. [NUM]
     """
@@ -1332,11 +1324,8 @@ class GraspEvaluation(InformationEntity):
     evaluates: Link[GraspConfiguration] = Link(_RT + "evaluates", _RT + "GraspConfiguration", functional=True, inverse=_RT + "hasEvaluation", stored=False)
     force_closure_lower_bound: One[float] = One(_RT + "forceClosureLowerBound", _XSD + "double", functional=True, unit="UNITLESS")
     grasp_confidence: One[float] = One(_RT + "graspConfidence", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
-    lever_arm: One[float] = One(_RT + "leverArm", _XSD + "double", functional=True, unit="M")
     lift_score: One[float] = One(_RT + "liftScore", _XSD + "double", functional=True, unit="UNITLESS")
     load_share: One[float] = One(_RT + "loadShare", _XSD + "double", functional=True, unit="UNITLESS")
-    pad_lean: One[float] = One(_RT + "padLean", _XSD + "double", functional=True, unit="UNITLESS")
-    patch_share: One[float] = One(_RT + "patchShare", _XSD + "double", functional=True, unit="UNITLESS")
     sample_count: One[int] = One(_RT + "sampleCount", _XSD + "positiveInteger", functional=True, unit="NUM")
 
 

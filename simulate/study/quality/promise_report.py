@@ -8,17 +8,19 @@ from typing import Any
 
 from simulate.study.declaration import Report, Results, Table
 from simulate.study.quality.promise_fit import fit_promises, tried_grasps
+from simulate.study.quality.ranks import OUTCOMES
 
 __all__ = ["describe_fit"]
 
 
 def describe_fit(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
     """Return the fitted maps, and how much hands differ from them."""
-    try:
-        fitted = fit_promises(tried_grasps(results))
-    except ValueError as error:
-        return Report({"seed": settings["seed"]}, lines=[f"nothing was fitted: {error}"])
-    fits = {score: fit.to_json() for score, fit in fitted.items()}
+    fits = {}
+    for outcome, score in OUTCOMES.items():
+        try:
+            fits[score] = fit_promises(tried_grasps(results, outcome, score)).to_json()
+        except ValueError as error:
+            return Report({"seed": settings["seed"]}, lines=[f"nothing was fitted: {error}"])
     columns = ("number", *fits)
     rows = [(name, *(f"{fit[name]:.3f}" for fit in fits.values())) for name in fits["lift"]]
     figures = {"seed": settings["seed"], "fits": fits}

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from grasp.spatial.scoring.promises import Promises
+from grasp.spatial.scoring.promises import FACTORY
 from simulate.study.intervals import bootstrap, mean_interval
-from simulate.study.quality.made_hands import studied_hand
 
 __all__ = ["OUTCOMES", "rank_correlations"]
 
@@ -80,16 +79,15 @@ def _spread(tables: Sequence[np.ndarray]) -> dict[str, float]:
 def _attainable(results: Sequence[Mapping[str, Any]], outcome: str) -> dict[str, float | None]:
     """Return the mean correlations of the same scores with outcomes drawn from their chances."""
     score, rng = OUTCOMES[outcome], np.random.default_rng(0)
+    chance = FACTORY[score].chance
     over, within = list[float](), list[float]()
-    promises = [Promises.by(studied_hand(result["hand"])) for result in results]
     for _ in range(_REPEATS):
         drawn = [
             np.array([
-                [entry[score], rng.binomial(n, promised.of(entry)[f"{score}_chance"]) / n]
+                [entry[score], rng.binomial(n, chance(entry[score], entry.get("load"))) / n]
                 for entry in result["ranked"] if (n := len(entry[outcome]))
             ])
-            for result, promised in zip(results, promises, strict=True)
-            if len(result.get("ranked", ())) > 0
+            for result in results if len(result.get("ranked", ())) > 0
         ]  # fmt: skip
         if drawn and (rho := _spearman(*np.concatenate(drawn).T)) is not None:
             over.append(rho)

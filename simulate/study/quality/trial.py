@@ -16,7 +16,6 @@ from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.gripper_files import gripper_named
 from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.scoring.confidence import Load, score_grasps
-from grasp.spatial.scoring.promises import RESTS_ON
 from grasp.spatial.scoring.select import rank_by_confidence
 from simulate.study.quality.bench import Bench, Draw, draws, laid_out
 from simulate.study.quality.made_hands import made_hand, studied_hand
@@ -60,7 +59,7 @@ def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
                 done = _tried(bench, pick, gripper, trials)
             outcomes[rule] = {**done, "promised": promised}
         ranked = [
-            {**{k: round(float(candidate.scores[k]), 4) for k in RESTS_ON},
+            {**{k: round(float(candidate.scores[k]), 4) for k in ("lift", "carry", "load")},
              **_tried(bench, candidate, gripper, trials[:1] if settings.get("made") else trials)}
             for candidate in _others(plan, settings, number)
         ]  # fmt: skip

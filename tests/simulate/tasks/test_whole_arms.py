@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
 import rtask
-from rtask.cli import main
 from rtask.engine import Engine
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.arms.bench import Bench
 from simulate.tasks.arms.introducing import introduce, survey
 from simulate.tasks.arms.layouts import own_table, place_things, sorting_table
 from simulate.tasks.arms.station_body import RobotAtBench
-from simulate.tasks.arms.working import Settings, crew_at_tables
+from simulate.tasks.arms.working import Settings, WholeCrew, crew_at_tables
 from simulate.world.objects import sample_objects, spec_of
 from simulate.world.scene import Placement
 
@@ -130,12 +127,18 @@ def test_a_panda_reaches_a_goal_and_the_physics_agrees():
 
 
 @pytest.mark.deep
-def test_a_thing_changes_hands_between_a_panda_and_a_nao(tmp_path, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["simulate", "crew", "every can into the left box", "-d", str(tmp_path / "lab"),
-              "--things", "2", "--seed", "3", "--json"])  # fmt: skip
-    said = json.loads(capsys.readouterr().out)
-    done = {turn["robot"].rpartition("/")[2] for turn in said["turns"] if turn["result"] == "done"}
-    assert ended.value.code in (0, None)
-    assert {"panda-1", "nao-1"} <= done
-    assert all(t["truly"] == "left box" for t in said["things"] if t["name"].startswith("can"))
+def test_a_thing_changes_hands_between_a_panda_and_a_nao(tmp_path):
+    layout = sorting_table()
+    bench = Bench(layout, [_free(layout, spec_of("can-81"), "right part")], tmp_path)
+    try:
+        with rtask.open(":memory:") as kb, Engine(kb) as engine:
+            planner = rtask.connect(engine)
+            crew = introduce(planner, bench)
+            working = WholeCrew(planner, [bench], [crew], survey(planner, bench, crew))
+            planner.call("store_plan", goal="every can into the left box")
+            done = []
+            working.work(lambda robot, turn: done.append((robot.rpartition("/")[2], turn.result)))
+            assert {"panda-1", "nao-1"} <= {robot for robot, result in done if result == "done"}
+            assert [(t.remembered, t.place) for t in working.truths()] == [("left box", "left box")]
+    finally:
+        bench.close()
