@@ -10,6 +10,7 @@ import pytest
 
 import rtask
 from rtask.client.race import Attempt, race
+from rtask.client.racing import _is_nothing
 from rtask.errors import DeadlineError, UsageError
 from tests.servers import running_server
 
@@ -131,3 +132,16 @@ def test_a_robot_goes_on_with_its_slice_of_the_graph_while_the_server_does_not_a
         assert (cut.value, cut.won_by) == ("urn:table", "local")
         again = race(local, remote, patience_s=LONG_S, deadline_s=LONG_S)
         assert (again.value, again.won_by) == ("urn:shelf", "remote")
+
+
+@pytest.mark.parametrize(
+    ("answer", "expected"),
+    [
+        ({"objects": [], "total": 3}, True),
+        ({"objects": [], "places": []}, True),
+        ({"objects": [], "places": ["shelf"]}, False),
+        ({"total": 0}, False),
+    ],
+)
+def test_an_answer_is_nothing_if_it_has_lists_and_all_are_empty(answer, expected):
+    assert _is_nothing(answer) == expected

@@ -299,6 +299,8 @@ def test_nested_blank_nodes_are_read_down_to_the_bound_and_refused_beyond() -> N
         return "<urn:a> <urn:p> " + "[ <urn:p> " * depth + "1" + " ]" * depth + " ."
 
     assert len(read_document(nested(MAX_NESTING), "turtle")) == MAX_NESTING + 1
+    beside = "<urn:b> <urn:p> [] ."  # more brackets than may be nested, each no deeper than that
+    assert len(read_document(nested(MAX_NESTING) + beside, "turtle")) == MAX_NESTING + 2
     with pytest.raises(TooLargeError, match=f"nested deeper than {MAX_NESTING}"):
         read_document(nested(MAX_NESTING + 1), "turtle")
 
