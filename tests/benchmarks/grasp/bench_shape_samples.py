@@ -38,6 +38,8 @@ from simulate.world.noise import SensorNoise
 RULES = {"guess": 0, "samples": 24}
 """Samples of the shape in each ranking."""
 _OFF_TABLE_M = 0.006
+_PUBLIC_SCALE = 0.015
+"""Metres per unit, as the URDFs of these meshes say."""
 
 
 def public_object(
@@ -47,7 +49,8 @@ def public_object(
     rng = np.random.default_rng((seed, number))
     for _ in range(100):
         one = int(rng.integers(*public))
-        mesh = read_mesh(Path(getDataPath()) / f"random_urdfs/{one:03d}/{one:03d}.obj")
+        path = Path(getDataPath()) / f"random_urdfs/{one:03d}/{one:03d}.obj"
+        mesh = read_mesh(path, _PUBLIC_SCALE)
         if len(mesh.vertices) < 4:
             continue
         points = mesh.vertices[ConvexHull(mesh.vertices).vertices]
