@@ -63,10 +63,10 @@ def public_object(
 
 
 def object_of(
-    seed: int, number: int, hand: ParallelGripper, public: tuple[int, int]
+    seed: int, number: int, hand: ParallelGripper, public: tuple[int, int], every: int
 ) -> GraspObject | None:
-    """Return a generated object, or every third time a public one."""
-    if number % 3 == 2:
+    """Return a generated object, or every so many times a public one."""
+    if number % every == every - 1:
         return public_object(seed, number, hand, public)
     return generated(seed, number, hand)
 
@@ -91,11 +91,11 @@ def outcomes(bench: Bench, plan: Proposals, hand: ParallelGripper, seed: int, nu
 
 
 def trial(
-    name: str, seed: int, number: int, trials: int, public: tuple[int, int]
+    name: str, seed: int, number: int, trials: int, public: tuple[int, int], every: int
 ) -> dict[str, Any] | None:
     """Return the outcomes of both rankings for one object; None where it is not to be seen."""
     hand = gripper_named(name)
-    item = object_of(seed, number, hand, public)
+    item = object_of(seed, number, hand, public, every)
     if item is None:
         return None
     with laid_out(item) as bench:
@@ -153,6 +153,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--public", type=int, nargs=2, default=(200, 1000),
                         help="meshes of random_urdfs that are drawn")  # fmt: skip
+    parser.add_argument("--every", type=int, default=3, help="1: all objects are public ones")
     parser.add_argument("--first", type=int, default=0)
     args = parser.parse_args()
     if args.what == "table":
@@ -166,7 +167,7 @@ def main() -> None:
         for number in range(args.first, args.objects):
             if number in done:
                 continue
-            row = trial(args.hand, args.seed, number, args.trials, tuple(args.public))
+            row = trial(args.hand, args.seed, number, args.trials, tuple(args.public), args.every)
             if row is not None:
                 out.write(json.dumps(row) + "\n")
                 out.flush()
