@@ -15,7 +15,7 @@ from features.modelling import ObjectModel
 from rtask.engine import Engine
 from rtask.engine.perception.observation import stored_frame
 from rtask.engine.stored import stored_models
-from rtask.rdf.namespaces import RT
+from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import iri
 
 pytestmark = pytest.mark.slow
@@ -71,7 +71,7 @@ def held_views(folder: Path, name: str) -> int:
         assert stored.views <= views
         for view in views:
             assert stored_frame(kb, view) is not None
-        (mesh,) = kb.match(None, None, RT.TriangleMesh)
+        (mesh,) = kb.match(None, RDF.type, RT.TriangleMesh)
         (ply,) = kb.match(mesh.subject, RT.hasBlob)
         assert kb.blobs.read(ply.object).startswith(b"ply")
         return len(stored.views)

@@ -17,7 +17,7 @@ from grasp.messages import matrix_from_message
 from rtask.engine import Engine
 from rtask.engine.stored import stored_models
 from rtask.errors import UsageError
-from rtask.rdf.namespaces import RT
+from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import iri
 
 YAWS = (0.3, 0.9, -0.5)
@@ -56,7 +56,7 @@ def test_a_model_grows_with_every_view_and_there_is_one_for_each_author(bench, e
     assert np.abs((high - low) - bench.BOX.size).max() < 0.006
     assert np.abs((high + low)[:2] / 2).max() < 0.004
     assert abs(high[2] - bench.BOX.size[2]) < 0.004
-    assert len(engine.kb.match(None, None, RT.TriangleMesh)) == 1
+    assert len(engine.kb.match(None, RDF.type, RT.TriangleMesh)) == 1
 
 
 @pytest.mark.slow
