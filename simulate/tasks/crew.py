@@ -80,8 +80,12 @@ class Crew:
         """
         plans = self.planner.call("list_plans", state="all")["plans"]
         self._closed |= {plan["task"] for plan in plans if plan["state"] == "done"}
+        order = list(self.robots)
         for _ in range(_MAX_ROUNDS):
-            turns = [self._turn(robot) for robot in self.robots]
+            taken = {robot: self._turn(robot) for robot in order}
+            # Who failed comes last: what another robot does next may be what was in its way.
+            order.sort(key=lambda robot: taken[robot].result == "failed")
+            turns = list(taken.values())
             if all(turn.result == "idle" for turn in turns):
                 stuck = {plan for turn in turns for plan in turn.stuck}
                 if not self._settle(stuck) and not (self._is_asking() and self.wait()):
