@@ -10,8 +10,10 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import entry_points
 from typing import Protocol
+from urllib.parse import unquote
 
 import ontology
+from rtask.rdf.namespaces import local_name
 from simulate.tasks.body import Deed, TaskBody
 
 __all__ = ["Grasp", "HandOver", "Place", "TaskAction", "available_actions"]
@@ -47,7 +49,7 @@ class Grasp:
     def missing(self, body: TaskBody, arguments: Arguments) -> str:
         """Look whether the thing is where the plan has it."""
         seen = body.sees(arguments["thing"], arguments["place"])
-        return "" if seen else f"it is not seen at {arguments['place']}"
+        return "" if seen else f"it is not seen at {unquote(local_name(arguments['place']))}"
 
     def carry_out(self, body: TaskBody, arguments: Arguments) -> Deed:
         """Pick it up."""

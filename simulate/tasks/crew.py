@@ -148,7 +148,7 @@ class Crew:
                 self._cancel(plan, "the goal holds already")
                 return False
             if not again["complete"]:
-                return self._give_up(plan, again["text"])
+                return self._give_up(plan, _refused(again))
             self.planner.call(
                 "store_plan", goal=goal, digest=again["digest"], replaces=plan["task"],
                 priority=plan["priority"], deadline=plan["deadline"], agent=self.agent,
@@ -177,6 +177,12 @@ class Crew:
                 if place is not None:
                     executor.graph.call("state_place", thing=item, place=place)
                     break
+
+
+def _refused(plan: Mapping[str, Any]) -> str:
+    """Return why a goal cannot be reached now, without the steps for the rest of it."""
+    refusals = [f"not possible: {item['goal']}: {item['text']}" for item in plan["refusals"]]
+    return "; ".join(refusals) or str(plan["text"])
 
 
 _LOST = f"""{PREFIXES}
