@@ -86,5 +86,11 @@ def _with_hints(kb: GraphCore, decision: Decision) -> Decision:
     if not isinstance(decision, Refutation) or not decision.unknown:
         return decision
     declared = sorted(prefixed(term) for term in kb.catalogue.declared())
-    hinted = tuple(term + nearest(term, declared) for term in decision.unknown)
+
+    def hint(term: str) -> str:
+        prefix, colon, _ = term.partition(":")  # what is spelt out as an IRI is no slip of the pen
+        beside = [name for name in declared if name.startswith(prefix + colon)]
+        return "" if term.startswith("<") else nearest(term, beside)
+
+    hinted = tuple(term + hint(term) for term in decision.unknown)
     return replace(decision, unknown=hinted)

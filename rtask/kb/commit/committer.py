@@ -114,8 +114,7 @@ class Committer:
 
     def _commit(self, change: Overlay, request: Request) -> Change:
         names = self._names(request)
-        is_empty = self._check(change, request, names)
-        if is_empty and not request.recount:
+        if self._check(change, request, names) and not request.recount:
             return self._unchanged(request)
         if request.check_blobs and not self.plain:
             check_blobs(change, self.blobs)
@@ -171,10 +170,11 @@ class Committer:
         if names.moved:
             return names.remark()
         if len(change.added) <= MAX_LATE:
-            keys, new = self.catalogue.keys(), derived.added
             with self.late.quiet() if self.late is not None else nullcontext():
-                if remark := identity.remark(change, new, keys, self.store, self.graphs):
-                    return remark
+                keys = self.catalogue.keys()
+                remark = identity.remark(change, derived.added, keys, self.store, self.graphs)
+            if remark is not None:
+                return remark
         return names.notice() if self.catalogue.triple_count(self.graphs.quarantine) else None
 
     def _settle(

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 import rtask
+from rtask.cli import main
 from rtask.engine import Engine
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.arms.bench import Bench
@@ -87,6 +90,21 @@ def test_a_survey_tells_the_graph_what_stands_where_and_hands_where_they_get_to(
             assert (deed.success, deed.reason) == (False, "slip_transport")
     finally:
         bench.close()
+
+
+def test_the_command_prints_as_json_what_a_person_declined(tmp_path, capsys):
+    """No arm moves, so this is cheap; see below for whole goals."""
+    data = ["-d", str(tmp_path / "kb"), "--preset", "fast", "--json"]
+    words = ["everything into the left box", "--table", "panda", "--things", "1"]
+    with pytest.raises(SystemExit) as ended:
+        main(["simulate", "crew", *words, "--decline", "picks", *data])
+    assert ended.value.code == 0
+    printed = json.loads(capsys.readouterr().out)
+    [goal] = printed["goals"]
+    assert (goal["goal"], goal["result"]) == ("everything into the left box", "declined")
+    assert [turn["result"] for turn in printed["turns"]] == ["declined"]
+    [thing] = printed["things"]
+    assert thing["remembered"] == thing["truly"] != "left box"
 
 
 @pytest.mark.deep
