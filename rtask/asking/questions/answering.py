@@ -22,7 +22,14 @@ from rtask.asking.questions.beliefs import (
 )
 from rtask.asking.questions.catalogue import Question
 from rtask.asking.questions.counting import Counting, counting, is_numeric, noun_counted
-from rtask.asking.questions.filling import Filled, fill, filled_query, unused_mentions
+from rtask.asking.questions.filling import (
+    Filled,
+    by_role,
+    fill,
+    filled_query,
+    individual,
+    unused_mentions,
+)
 from rtask.asking.questions.matching import NEAR, Asked, Match, matcher
 from rtask.asking.questions.mentions import (
     MAX_MENTIONS,
@@ -250,7 +257,7 @@ def _answered(
             return _unanswered(text, reading, words, nearest)
     sparql = counts.listed if counts is not None else sparql
     unused = unused_mentions(question, filled, reading.mentions)
-    if out_of_place := _individual(unused, reading):
+    if out_of_place := individual(unused, reading.mentions):
         words = (
             f"The nearest question, {question.text!r}, is not about {out_of_place!r}: an answer "
             "would be about others. Ask without it, or ask another question."
@@ -268,7 +275,7 @@ def _answered(
         text,
         question.key,
         _understood(question, filled),
-        _by_role(filled),
+        by_role(filled),
         reading.ignored,
         sparql,
         rows,
@@ -281,27 +288,6 @@ def _answered(
         why_of(run, rows, sparql),
         count,
     )
-
-
-def _individual(unused: list[str], reading: _Reading) -> str:
-    """Return a name, of a single thing or robot, for which the question has no place; or nothing.
-
-    A kind without a place makes an answer wider; a name without one makes it one about others.
-    """
-    individuals = {item.text for item in reading.mentions if item.role in _INDIVIDUALS}
-    kinds = {item.text for item in reading.mentions if item.role not in _INDIVIDUALS}
-    return next((name for name in unused if name in individuals - kinds), "")
-
-
-def _by_role(filled: list[Filled]) -> dict[str, tuple[str, tuple[str, ...]]]:
-    """Return words and terms by role; the second robot of a question is ``robot 2``."""
-    result: dict[str, tuple[str, tuple[str, ...]]] = {}
-    for item in filled:
-        role, number = item.slot.role, 2
-        while role in result:
-            role, number = f"{item.slot.role} {number}", number + 1
-        result[role] = (item.text, tuple(map(str, item.terms)))
-    return result
 
 
 def _not_named(missing: str, reading: _Reading) -> str:
@@ -415,9 +401,6 @@ def _nearest(matches: list[Match]) -> tuple[Near, ...]:
     return tuple(groups.values())[:_LISTED]
 
 
-_INDIVIDUALS = frozenset(
-    ["object", "robot", "place", "task", "grasp", "frame", "recognition", "cloud", "hand"]
-)
 _BEFORE_A_NAME = frozenset(re.findall(r"\w+", "the a an this that my our any of with at for to"))
 
 

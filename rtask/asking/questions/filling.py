@@ -12,9 +12,20 @@ from rtask.asking.questions.mentions import Mention
 from rtask.asking.questions.periods import Period
 from rtask.rdf.terms import Term
 
-__all__ = ["Filled", "fill", "filled_query", "projected", "unused_mentions", "without_order"]
+__all__ = [
+    "Filled",
+    "by_role",
+    "fill",
+    "filled_query",
+    "projected",
+    "unused_mentions",
+    "without_order",
+]
 
 _KINDS = {"kind": "rt:ManipulableObject", "robot_kind": "cora:Robot"}
+_INDIVIDUALS = frozenset(
+    ["object", "robot", "place", "task", "grasp", "frame", "recognition", "cloud", "hand"]
+)
 _PREFIX = re.compile(r"^PREFIX\s+([\w.-]*):\s*<[^>]*>\s*\n", re.M)
 _LIMIT = re.compile(r"\bLIMIT\s+\d+\s*$")
 _ORDER = re.compile(r"^ORDER BY .*$", re.M)
@@ -70,6 +81,17 @@ def fill(question: Question, mentions: Iterable[Mention], period: Period | None)
     return filled
 
 
+def by_role(filled: Iterable[Filled]) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Return words and terms by role; the second robot of a question is ``robot 2``."""
+    result: dict[str, tuple[str, tuple[str, ...]]] = {}
+    for item in filled:
+        role, number = item.slot.role, 2
+        while role in result:
+            role, number = f"{item.slot.role} {number}", number + 1
+        result[role] = (item.text, tuple(map(str, item.terms)))
+    return result
+
+
 def unused_mentions(
     question: Question, filled: Iterable[Filled], mentions: Iterable[Mention]
 ) -> list[str]:
@@ -79,6 +101,17 @@ def unused_mentions(
         item.text for item in mentions if item.text not in used and not _is_own(question, item)
     ]
     return list(dict.fromkeys(unused))
+
+
+def individual(unused: Iterable[str], mentions: Iterable[Mention]) -> str:
+    """Return a name, of a single thing or robot, for which the question has no place; or nothing.
+
+    A kind without a place makes an answer wider; a name without one makes it one about others.
+    """
+    mentions = list(mentions)
+    individuals = {item.text for item in mentions if item.role in _INDIVIDUALS}
+    kinds = {item.text for item in mentions if item.role not in _INDIVIDUALS}
+    return next((name for name in unused if name in individuals - kinds), "")
 
 
 def _is_own(question: Question, mention: Mention) -> bool:
