@@ -14,7 +14,8 @@ ENTRY = Entry("kehoe", "table", "9.9", "9", "a table", "compared", run="made:up"
 
 def test_the_figures_of_each_unit_are_a_chart_with_the_thesiss_beside_ours():
     rows = (
-        Compared("recall", 0.9, 0.8, interval=(0.85, 0.95)), Compared("false", 0.1, interval=(0, 0.2)),
+        Compared("recall", 0.9, 0.8, interval=(0.85, 0.95)),
+        Compared("false", 0.1, interval=(0, 0.2)),
         Compared("time", 3.0, 4.0, unit="s"), Compared("mass", 5.0, unit="kg"),
         Compared("nothing of ours", None, 4.0, unit="kg"),
     )  # fmt: skip
@@ -41,7 +42,5 @@ def test_more_rows_than_can_be_read_are_several_charts():
 
 @pytest.mark.parametrize(("least", "is_logarithmic"), [(1.0, True), (0.0, False), (30.0, False)])
 def test_the_axis_is_logarithmic_where_figures_span_orders(least, is_logarithmic):
-    rows = [Figures("a", least), Figures("b", 100.0)]
-    assert (
-        "10^{" in figure_chart(rows, "t", "s") or "mathdefault" in figure_chart(rows, "t", "s")
-    ) is is_logarithmic
+    svg = figure_chart([Figures("a", least), Figures("b", 100.0)], "t", "s")
+    assert ("10^{" in svg) is is_logarithmic
