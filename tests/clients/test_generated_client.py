@@ -120,9 +120,8 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
     thing = stored.to_dict()["object"]
     again = {"data": seen_from_above(seed=41, noise_seed=2), **SIGHT, "gripper_id": "right_hand"}
     told = call("recognise_for_grasp", again).to_dict()
-    outcome = {"task_id": told["task_id"], "grasp": stored.to_dict()["grasp"], "success": True}
+    outcome = {"task_id": told["task_id"], "grasp": stored.to_dict()["grasp"]}
     moved = {"joints": ["RElbowYaw"], "times": [0, 1], "positions": [0, 0.5], "commands": [0, 0.5]}
-    del outcome["success"]
     outcome["outcome"] = {"success": True, "motion": moved}
     call("report_outcome", {**outcome, "gripper_id": "right_hand"})
     refused = call("recognise_for_grasp", {**again, "min_grasp": 1.0}).to_dict()["decision"]

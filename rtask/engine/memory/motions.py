@@ -127,7 +127,7 @@ SELECT DISTINCT ?attempt ?robot ?robot_name ?hand ?hand_name ?gripper_type ?mode
   {about}
   ?motion a rt:JointTrajectory ; prov:wasGeneratedBy ?attempt ; rt:hasBlob ?blob .
   {JUDGED}
-  ?object rt:hasGrasp ?grasp .
+  ?object rt:hasGrasp ?grasp ; rt:objectId ?id .  # not the single thing, of which it is inferred
   ?attempt rt:activates ?hand . ?robot rt:hasEndEffector ?hand ; rt:name ?robot_name .
   ?hand rt:name ?hand_name ; rt:gripperType ?gripper_type
   OPTIONAL {{ ?motion rt:ofRobotModel/rt:modelName ?model }}
