@@ -89,7 +89,8 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
             for motion in _recall(engine, cell, arm, is_mirrored)
         ]
         hand = next(iter(_stranger(robot).arms.values())).end_effector
-        strange = engine.call("recall_motions", {"gripper_id": hand}, Access(_STRANGER, "robot"))
+        asked = {"gripper_id": hand}
+        strange = engine.call("recall_motions", asked, Access(_STRANGER, "robot")).as_json()
     offered = [motion for motion in told if motion["fit"] != "other_body"]
     followed = [
         _followed(cell, motion, sources[motion["object"]], is_mirrored) for motion in offered
@@ -99,7 +100,8 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         "fits": sorted({motion["fit"] for motion in offered}),
         "astray_m": max((astray for astray, _ in followed), default=0.0),
         "free": sum(is_free for _, is_free in followed),
-        "strange": len(strange.motions), "said": sorted({one.why_not for one in strange.refused}),
+        "strange": len(strange["motions"]),
+        "said": sorted({one["why_not"] for one in strange["refused"]}),
         "things": _at_a_fresh_table(cell, offered, settings, number),
     }  # fmt: skip
 
@@ -218,7 +220,7 @@ def _mirrored(obstacle: Obstacle) -> Obstacle:
     """Return an obstacle's image in the plane y = 0."""
     yaw = float(np.arctan2(obstacle.rotation[1, 0], obstacle.rotation[0, 0]))
     size = 2 * obstacle.half
-    return Obstacle.box(obstacle.name, obstacle.centre * _MIRROR, size, -yaw)
+    return Obstacle.box(obstacle.name, (obstacle.centre * _MIRROR).tolist(), size.tolist(), -yaw)
 
 
 def _at_a_fresh_table(
