@@ -39,6 +39,7 @@ NOBODY = {
     "frames": "names within the robot's own frames",
     "confirmed_by": "a kind of judge",
     "attempt_number": "a count",
+    "max_places": "a count",
     "contributor": "of reading, and of the right to withdraw, which no robot has",
 }
 
