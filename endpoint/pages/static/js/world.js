@@ -7,6 +7,7 @@ import { SpaceView } from "./space.js";
 const AXIS_M = 0.12;
 const DOT_M = 0.03; // of a thing whose size nobody knows
 const ROBOT_M = 0.08;
+const REACH_M = 0.4; // of a robot, to either side: so much round it is shown
 const RIM_M = 0.05;
 const PROBABLE = 0.5;
 const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
@@ -122,6 +123,7 @@ function shapesOf(scene) {
     } else if (node.kind === "robot") {
       things.push({ kind: "ball", at: at(node.pose, [0, 0, ROBOT_M]), radius: ROBOT_M, look: "robot" });
       things.push({ kind: "label", at: at(node.pose, [0, 0, 2 * ROBOT_M]), text: node.label });
+      for (const side of [-REACH_M, REACH_M]) points.push(at(node.pose, [side, side, 0]));
     } else if (node.kind === "thing") {
       const look = node.stillThere >= PROBABLE ? "thing" : "thing faint";
       const top = node.size ? [0, 0, node.size[2]] : [0, 0, DOT_M];
