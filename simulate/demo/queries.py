@@ -38,7 +38,7 @@ QUESTIONS = (
         """
 SELECT ?product ?robot ?hand ?grasp (COUNT(DISTINCT ?attempt) AS ?attempts)
        (COUNT(DISTINCT ?won) AS ?held) {
-  ?object a rt:ManipulableObject ; rt:name ?product ; rt:hasGrasp ?grasp .
+  ?object rt:objectId ?id ; rt:name ?product ; rt:hasGrasp ?grasp .
   ?attempt rt:executesGrasp ?grasp ; rt:performedBy/rt:name ?robot ; rt:hasOutcome ?outcome ;
            rt:activates/rt:gripperType ?hand .
   OPTIONAL { ?outcome rt:judgedSuccess true BIND(?outcome AS ?won) }
@@ -50,7 +50,7 @@ SELECT ?product ?robot ?hand ?grasp (COUNT(DISTINCT ?attempt) AS ?attempts)
 SELECT ?kind ?hand (COUNT(DISTINCT ?outcome) AS ?attempts)
        (ROUND(100 * SUM(IF(?held, 1, 0)) / COUNT(?held)) AS ?percentHeld) {
   { SELECT DISTINCT ?kind ?hand ?outcome ?held {
-      ?object rt:hasGrasp/rt:triedIn ?attempt ; a ?type .
+      ?object rt:objectId ?id ; rt:hasGrasp/rt:triedIn ?attempt ; a ?type .
       ?attempt rt:activates/rt:gripperType ?hand ; rt:hasOutcome ?outcome .
       ?outcome rt:judgedSuccess ?held .
       ?type rdfs:subClassOf rt:ManipulableObject ; rdfs:label ?kind
@@ -69,7 +69,7 @@ SELECT DISTINCT ?robot ?property ?value {
   { GRAPH ?inferred { ?who rt:hasCapability ?value } BIND("is capable of" AS ?property) }
   UNION
   { { SELECT ?who (COUNT(DISTINCT ?object) AS ?value) {
-        ?g a rt:InferredGraph . GRAPH ?g { ?who rt:canGrasp ?object } ?object rt:hasGrasp ?grasp
+        ?g a rt:InferredGraph . GRAPH ?g { ?who rt:canGrasp ?object } ?object rt:objectId ?id
       } GROUP BY ?who } BIND("number of products that fit its hand" AS ?property) }
 } ORDER BY ?robot ?property ?value""",
     ),

@@ -41,7 +41,9 @@ def test_the_questions_of_a_demo_name_products_and_count_each_once() -> None:
             <urn:lab/object/1> a rt:ManipulableObject, rt:Box ; rt:name "carton-6" ;
               rt:objectId "nao-1/1" ; rt:hasGrasp <urn:lab/grasp/1> .
             GRAPH <urn:lab/inferred> {{ <urn:lab/robot/1> rt:canGrasp <urn:lab/object/1>,
-              <urn:lab/thing/1> }} <urn:lab/inferred> a rt:InferredGraph }}""")
+              <urn:lab/thing/1> }}
+            <urn:lab/thing/1> a rt:ManipulableObject, rt:Exemplar, rt:Box ; rt:name "carton-6" ;
+              rt:hasGrasp <urn:lab/grasp/1> . <urn:lab/inferred> a rt:InferredGraph }}""")
         known, kinds, robots, _ = (
             kb.select(with_prefixes(question.sparql)).to_dicts() for question in QUESTIONS
         )
