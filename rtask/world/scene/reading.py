@@ -110,7 +110,9 @@ class _Reader:
                 self._rooted[frame] = rooted
         all_robots = set(self._subjects(RDF.type, CORA.Robot))  # products have a body frame as well
         for quad in self.world.kb.match(None, RT.bodyFrame):
-            if isinstance(quad.object, NamedNode) and quad.subject.value in all_robots:
+            if not (isinstance(quad.object, NamedNode) and isinstance(quad.subject, NamedNode)):
+                continue
+            if quad.subject.value in all_robots:
                 robots = self._robots.setdefault(quad.object.value, [])
                 if quad.subject.value not in robots:
                     robots.append(quad.subject.value)
