@@ -34,7 +34,6 @@ _MATERIAL = {
     "simulate.thesis.runs.remembered": "a simulated Panda",
     "simulate.thesis.runs.robots": "a simulated Nao",
     "simulate.thesis.runs.sense": "simulated tables",
-    "simulate.thesis.runs.shared_motions": "simulated arms that plan",
     "simulate.thesis.runs.shared_policy": "a world of two rooms",
     "simulate.thesis.runs.success": "simulated products",
 }

@@ -23,7 +23,7 @@ ENTRIES = (
            "learning; outcomes, and the belief in each grasp that follows from them, are shared by "
            "all robots (beyond-lessons)"),
     _shown("experiment", "trajectories", "1.2", "sharing of trajectories",
-           run="shared_motions:motions",
+           run="remembered:motions", material="simulated arms that plan",
            why="recall_motions offers the movements of others in the joints of the robot that "
            "asks, and says why it cannot follow the rest: docs/recordings.md"),
     *(

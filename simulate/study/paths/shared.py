@@ -35,7 +35,7 @@ from simulate.study.paths.trial import (
     LaidTable,
     cell_of,
     lay_table,
-    plan_thing,
+    plan_item,
     ways_of,
 )
 from simulate.world.seeds import mix_seed, stream
@@ -83,7 +83,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
             _register(engine, name, cell.robot)
         _register(engine, _STRANGER, cell_of("nao" if robot == "panda" else "panda").robot)
         sources = _store(kb, engine, cell.robot, taught)
-        told = [
+        answered = [
             motion
             for arm in cell.robot.arms.values()
             for motion in _recall(engine, cell, arm, is_mirrored)
@@ -91,7 +91,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         hand = next(iter(_stranger(robot).arms.values())).end_effector
         asked = {"gripper_id": hand}
         strange = engine.call("recall_motions", asked, Access(_STRANGER, "robot")).as_json()
-    offered = [motion for motion in told if motion["fit"] != "other_body"]
+    offered = [motion for motion in answered if motion["fit"] != "other_body"]
     followed = [
         _followed(cell, motion, sources[motion["object"]], is_mirrored) for motion in offered
     ]
@@ -101,7 +101,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         "astray_m": max((astray for astray, _ in followed), default=0.0),
         "free": sum(is_free for _, is_free in followed),
         "strange": len(strange["motions"]),
-        "said": sorted({one["why_not"] for one in strange["refused"]}),
+        "said": sorted({motion["why_not"] for motion in strange["refused"]}),
         "things": _at_a_fresh_table(cell, offered, settings, number),
     }  # fmt: skip
 
@@ -202,7 +202,7 @@ def _followed(
     is_free_way = np.array(motion["times"][: len(way)]) <= source.plan.free.duration
     image = taught * _MIRROR if is_mirrored else taught
     astray = np.linalg.norm(here - image, axis=1)[is_free_way]
-    around = [_mirrored(one) for one in source.around] if is_mirrored else source.around
+    around = [_mirrored(obstacle) for obstacle in source.around] if is_mirrored else source.around
     return float(astray.max()), _is_free(cell, arm, source.plan, way[is_free_way], around)
 
 
@@ -238,7 +238,7 @@ def _at_a_fresh_table(
                 if path is not None:
                     memory.add(cell.space.version(arm.name), path)
         rows.append({
-            "anew": plan_thing(cell, table, item, key, PathMemory(recalls=False)),
-            "recalled": plan_thing(cell, table, item, key, memory),
+            "anew": plan_item(cell, table, item, key, PathMemory(recalls=False)),
+            "recalled": plan_item(cell, table, item, key, memory),
         })  # fmt: skip
     return rows

@@ -25,7 +25,7 @@ from simulate.world.seeds import mix_seed, stream
 from simulate.world.world import PlaceBox
 
 __all__ = [
-    "BEFORE", "TABLES", "Cell", "LaidTable", "cell_of", "lay_table", "plan_thing", "run_trial",
+    "BEFORE", "TABLES", "Cell", "LaidTable", "cell_of", "lay_table", "plan_item", "run_trial",
     "ways_of",
 ]  # fmt: skip
 
@@ -78,7 +78,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         key = mix_seed(seed, _PLAN, number, item)
         both = {}
         for way, memory in (("anew", PathMemory(recalls=False)), ("recalled", _copy(remembered))):
-            both[way] = plan_thing(cell, table, item, key, memory)
+            both[way] = plan_item(cell, table, item, key, memory)
         rows.append(both)
     stored = sum(len(paths) for paths in remembered.values())
     return {"kind": kind, "things": rows, "remembered": stored, "says": kind}
@@ -102,7 +102,7 @@ def _paths_of(
     for number in range(before):
         table = lay_table(cell, stream(seed, BEFORE, TABLES.index(kind), number), count, kind)
         for item in range(len(table.things)):
-            plan_thing(cell, table, item, mix_seed(seed, BEFORE, number, item), memory)
+            plan_item(cell, table, item, mix_seed(seed, BEFORE, number, item), memory)
     return memory.paths
 
 
@@ -148,7 +148,7 @@ def _distances(board: Obstacle, points: np.ndarray[Any, Any]) -> np.ndarray[Any,
     return np.asarray(np.linalg.norm(np.maximum(local - board.half[:2], 0.0), axis=1))
 
 
-def plan_thing(
+def plan_item(
     cell: Cell, table: LaidTable, item: int, seed: int, memory: PathMemory
 ) -> dict[str, Any]:
     """Plan how a thing gets into the box on its side; return the work and whether there is a way.
