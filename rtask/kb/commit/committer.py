@@ -32,13 +32,13 @@ from rtask.kb.commit.quarantine import set_aside
 from rtask.kb.commit.schema_right import require_schema
 from rtask.kb.commit.trials.derivation import CAN_FORK, MAX_TRIED, LongDerivationError
 from rtask.kb.commit.validation import ValidationReport, Validator
-from rtask.kb.commit.writing import MAX_LATE, all_writes, with_union
 from rtask.kb.durability.blobs import BlobStore
 from rtask.kb.durability.journal import CommitRecord, Journal
 from rtask.kb.rules.rule import Rule
 from rtask.kb.rules.rulebook import changed
 from rtask.kb.store.apply import apply
 from rtask.kb.store.collector import collector_paused
+from rtask.kb.store.commit_writes import MAX_LATE, all_writes, with_union
 from rtask.kb.store.embedded import LARGE
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs

@@ -19,7 +19,7 @@ from rtask.kb.commit.commit import Request
 from rtask.kb.commit.trials import derivation
 from rtask.kb.commit.trials.derivation import CAN_FORK
 from rtask.kb.commit.update_limits import UpdateLimits
-from rtask.kb.commit.writing import MAX_LATE
+from rtask.kb.store.commit_writes import MAX_LATE
 from rtask.knowledge_base import KnowledgeBase
 from tests.clocks import PassedBySleeping
 
