@@ -27,7 +27,8 @@ class Ended:
     goal
         In words.
     result
-        reached, declined (a person said no), or given_up.
+        reached, declined (a person said no), partly (what could be reached is, and the rest is left
+        open), or given_up.
     repairs
         How often it was planned again.
     comment
@@ -116,6 +117,8 @@ class Crew:
             elif plan["state"] == "late":
                 self._close(plan, "given_up", "its deadline is over")
                 self._cancel(plan, "its deadline is over")
+            elif plan["state"] == "blocked":
+                goes_on |= self._resume(plan)
             elif plan["state"] == "failed" or plan["task"] in stuck:
                 began = time.process_time()
                 goes_on |= self._repair(plan)
@@ -141,18 +144,31 @@ class Crew:
         if self._repairs[goal] > MAX_REPAIRS:
             return self._give_up(plan, f"it was planned again {MAX_REPAIRS} times")
         self._look_for(plan)
+        return self._plan_again(plan)
+
+    def _resume(self, plan: Mapping[str, Any]) -> bool:
+        """Plan what was left open if it is within reach now; return whether there is more to do."""
+        again = self.planner.call("plan_goal", goal=plan["goal"])
+        if again["steps"] or again["complete"]:
+            return self._plan_again(plan)
+        self._close(plan, "partly", "; ".join(plan["open_goals"]))
+        return False
+
+    def _plan_again(self, plan: Mapping[str, Any]) -> bool:
         try:
-            again = self.planner.call("plan_goal", goal=goal)
+            again = self.planner.call("plan_goal", goal=plan["goal"])
             if again["complete"] and not again["steps"]:
                 self._close(plan, "reached")
                 self._cancel(plan, "the goal holds already")
                 return False
-            if not again["complete"]:
+            may_be_part = plan["allows_part"] and again["refusals"]
+            if not again["complete"] and not may_be_part:
                 return self._give_up(plan, _refused(again))
             self.planner.call(
-                "store_plan", goal=goal, digest=again["digest"], replaces=plan["task"],
+                "store_plan", goal=plan["goal"], digest=again["digest"], replaces=plan["task"],
                 priority=plan["priority"], deadline=plan["deadline"], agent=self.agent,
                 asking_price=plan["asking_price"], failing_price=plan["failing_price"],
+                allow_part=plan["allows_part"],
             )  # fmt: skip
         except RtaskError as error:
             if error.answer_status == ConflictError.status:
