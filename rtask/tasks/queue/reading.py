@@ -282,9 +282,7 @@ def read_queue(kb: GraphCore) -> list[QueuedPlan]:
     return sorted(plans.values(), key=lambda plan: (plan.made or epoch, plan.task))
 
 
-def _plan(
-    row: Row, steps: tuple[QueuedStep, ...], open_goals: tuple[str, ...]
-) -> QueuedPlan:
+def _plan(row: Row, steps: tuple[QueuedStep, ...], open_goals: tuple[str, ...]) -> QueuedPlan:
     cancelled = str(row.value("reason") or "") if row.value("cancelled") else None
     priority = row.value("priority")
     return QueuedPlan(

@@ -50,8 +50,8 @@ __all__ = ["crew"]
 @options.json_flag("goals, steps, and where things truly are")
 def crew(
     words: tuple[str, ...], data: Path, server: str | None, agent: str | None,
-    tables: tuple[str, ...], things: int, seed: int, partly: bool, decline: str | None, film: Path | None,
-    preset: str, as_json: bool,
+    tables: tuple[str, ...], things: int, seed: int, partly: bool, decline: str | None,
+    film: Path | None, preset: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Let whole robots carry out GOAL, such as every can into the left box.
 

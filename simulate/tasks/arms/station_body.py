@@ -52,10 +52,16 @@ class RobotAtBench(RobotAtTable):
         clouds = [cloud.astype(np.float64) for cloud in obstacles]
         return self.executor.plan(request, [*clouds, *self.station.others()], seed)
 
-    def look_at(self, area: str) -> tuple[View, list[Seen]]:
-        """Look at an area; return the view and what is seen within it."""
+    def look_at(self, area: str, number: int = 0) -> tuple[View, list[Seen]]:
+        """Look at an area; return the view and what is seen within it.
+
+        Parameters
+        ----------
+        number
+            Which of the :meth:`viewpoints`.
+        """
         x, y = self.station.ranges(area)
-        side, camera = self._viewpoint(area, sum(y) / 2)
+        side, camera = self.viewpoints(area)[number]
         frame, base_from_camera = self.look(side, camera)
         is_box = self.station.bench.layout.area(area).is_box
         ignored = (*self._beyond(), *self._boxes(area)) if is_box else self.ignored
@@ -66,18 +72,26 @@ class RobotAtBench(RobotAtTable):
         ]  # fmt: skip
         return View(frame, base_from_camera, perceived), inside
 
-    def _viewpoint(self, area: str, y: float) -> tuple[str, str | None]:
-        """Return side and camera that show most of an area."""
-        side = "left" if y > 0 else "right"
+    def viewpoints(self, area: str) -> list[tuple[str, str | None]]:
+        """Return sides and cameras that show an area, the one that shows most of it first."""
+        side = "left" if sum(self.station.ranges(area)[1]) > 0 else "right"
         cameras = self.robot.description.cameras
         first = next(iter(cameras.values()))
         if any(first.look.values()):
             box = f"box_{side}"
-            is_box = self.station.bench.layout.area(area).is_box and box in first.look
-            return (box if is_box else side), None
+            is_box = self.station.bench.layout.area(area).is_box
+            directions = (box, side, "ahead") if is_box else (side, "ahead", box)
+            return [(name, None) for name in directions if name in first.look]
         shown = {name: self._share_shown(area, name) for name in cameras}
-        best = max(shown, key=lambda name: (shown[name], name == first.name))
-        return side, None if best == first.name else best
+        best = sorted(shown, key=lambda name: (-shown[name], name != first.name))
+        used = [name for name in best if shown[name] == _CORNERS] or best[:1]
+        return [(side, None if name == first.name else name) for name in used]
+
+    def shows(self, area: str) -> bool:
+        """Whether a camera that stands still has all of an area in its picture."""
+        cameras = self.robot.description.cameras
+        turns = any(next(iter(cameras.values())).look.values())
+        return not turns and any(self._share_shown(area, c) == _CORNERS for c in cameras)
 
     def _share_shown(self, area: str, camera: str) -> int:
         """Return how many corners of an area are in the picture of a camera that stands still."""
@@ -106,10 +120,21 @@ class RobotAtBench(RobotAtTable):
                 seen = self.station.seen(box)
                 yield Ignored(seen.x_range, seen.y_range)
 
-    def free_spots(self, area: str, size: float, view: Perceived) -> Spots:
-        """Return spots (x, y), m, base frame, of an area for something of a size, freest first.
+    def free_spots(
+        self, area: str, size: float, view: Perceived, request: GraspRequest | None = None,
+        used: Spots = (),
+    ) -> Spots:  # fmt: skip
+        """Return spots (x, y), m, base frame, of an area for something of a size, best first.
 
         There are none where other things leave no room for it.
+
+        Parameters
+        ----------
+        request
+            The grasp that holds it: spots where the other robots of the area get their hands around
+            it come first. By default the freest do.
+        used
+            Spots where it was before, which come last.
         """
         (x0, x1), (y0, y1) = self.station.ranges(area)
         margin = min(size / 2, (x1 - x0) / 2.2, (y1 - y0) / 2.2)
@@ -120,10 +145,34 @@ class RobotAtBench(RobotAtTable):
         away = np.linalg.norm(spots - middle, axis=1)
         order = np.lexsort((away, -np.minimum(room, size + _ROOM_M)))
         free = [k for k in order if room[k] > size / 2 + _GAP_M]
-        return tuple((float(spots[k][0]), float(spots[k][1])) for k in free[:_SPOTS])
+        chosen = [(float(spots[k][0]), float(spots[k][1])) for k in free]
+        if request is not None:
+            takes = {spot: self._takers(area, spot, request) for spot in chosen[:_COMPARED]}
+            chosen.sort(key=lambda spot: -takes.get(spot, 0))
+        chosen.sort(key=lambda spot: any(np.hypot(*np.subtract(spot, u)) < _SAME_M for u in used))
+        return tuple(chosen[:_SPOTS])
+
+    def _takers(self, area: str, spot: tuple[float, float], request: GraspRequest) -> int:
+        """Return in how many ways a thing could lie at a spot so that all others get their hand on.
+
+        Robots at one table know how the others are built, and where these stand.
+        """
+        at = self.station.world_from_base @ [*spot, 0.0, 1.0]
+        counts = [
+            sum(other.gets_to(arm, at, request, angle) for angle in _ANGLES)
+            for other in self.station.bench.stations.values() if other is not self.station
+            for arm, names in other.post.reach.items() if area in names
+        ]  # fmt: skip
+        return min(counts, default=0)
 
 
 _SPOTS = 5
+_COMPARED = 9
+"""Spots of which it is asked whether others get to them."""
+_SAME_M = 0.015
+_ANGLES = (0.0, np.pi / 4, np.pi / 2, 3 * np.pi / 4)
+"""Closing directions about the vertical, rad, at which a thing may come to lie."""
+_CORNERS = 4
 _ROOM_M, _GAP_M = 0.03, 0.01
 """Around a thing: as much as is of use, and the least."""
 

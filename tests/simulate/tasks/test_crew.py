@@ -142,6 +142,36 @@ def test_what_is_nowhere_to_be_seen_is_given_up_and_not_lost_from_the_memory(wor
     assert len(world.kb.world.where_is(CUP).exemplars) == 1
 
 
+class Clumsy:
+    """A robot that finds no way to the cup until the other one has put it down anew."""
+
+    def __init__(self, robot, needs):
+        self._robot, self._needs = robot, needs
+
+    def __getattr__(self, name):
+        return getattr(self._robot, name)
+
+    def pick(self, item, place, hand):
+        puts = [deed for deed in self._robot.lab.done if deed == (PANDA, "put", CUP)]
+        if len(puts) < self._needs:
+            return Deed(False, "ik", was_tried=False)
+        return self._robot.pick(item, place, hand)
+
+
+@pytest.mark.parametrize(("needs", "result", "moved"), [(2, "reached", 1), (99, "given_up", 3)])
+def test_what_a_robot_finds_no_way_to_another_one_moves(world, needs, result, moved):
+    world.store()
+    crew = world.crew()
+    crew.robots[NAO].body = Clumsy(world.lab.robot(NAO), needs)
+    (ended,) = crew.work()
+    assert (ended.goal, ended.result) == (GOAL, result), "plans that only move it are no goals"
+    assert world.lab.done.count((PANDA, "put", CUP)) == 1 + 2 * moved
+    if result == "given_up":
+        assert "nao-1 picks red cup up from table: no way was found 4 times (ik)" in ended.comment
+        assert "it was moved 3 times for that" in ended.comment
+    assert world.planner.call("list_plans")["plans"] == []
+
+
 def test_what_is_possible_of_a_goal_is_done_and_the_rest_once_it_can_be(world):
     goal = f"{GOAL}; every bottle into the left box"
     with pytest.raises(UsageError, match="Allow a part"):

@@ -248,9 +248,7 @@ def _order(context: Context, request: StorePlan, author: Access) -> storing.Orde
     if request.deadline is not None:
         latest_s = min(request.deadline, _LATEST_S)
         deadline = dt.datetime.fromtimestamp(latest_s, dt.UTC)
-    return storing.Order(
-        request.priority, deadline, earlier, _prices(request), request.allow_part
-    )
+    return storing.Order(request.priority, deadline, earlier, _prices(request), request.allow_part)
 
 
 def _prices(request: StorePlan) -> Prices | None:
