@@ -246,9 +246,11 @@ class Station:
         request
             The grasp by which it is held.
         angle
-            Closing direction about the vertical, rad.
+            Closing direction about the vertical, rad, frame of the bench.
         """
-        x, y = (np.linalg.inv(self.world_from_base) @ at)[:2]
+        base_from_world = np.linalg.inv(self.world_from_base)
+        x, y = (base_from_world @ at)[:2]
+        angle += float(np.arctan2(base_from_world[1, 0], base_from_world[0, 0]))
         asked = GraspRequest(
             float(x), float(y), angle, width=request.width, height=request.height,
             length=request.length, round=request.round, arm=arm, only_theta=True,

@@ -232,7 +232,10 @@ class ArmBody:
         there = [Obstacle.around("neighbour", seen.points.astype(np.float64), request.table_height)
                  for seen in view.perceived.objects]  # fmt: skip
         run.plan = replace(run.plan, obstacles=(*run.plan.obstacles, *there))
-        return run.place_within(*self.robot.station.ranges(area), spots)
+        closings = (
+            () if request.round else tuple(self.robot.ways(area, spot, request) for spot in spots)
+        )
+        return run.place_within(*self.robot.station.ranges(area), spots, closings)
 
     def give(self, item: str, hand: str, target: str) -> Deed:
         """Say that hands do not meet here: things change hands at places."""

@@ -40,6 +40,7 @@ class RobotAtBench(RobotAtTable):
         self.is_holding = False
         """Whether a hand of it holds something, so that it keeps its stance."""
         self.ignored = (*self._beyond(), *self._boxes(""))
+        self._ways: dict[tuple[object, ...], tuple[float, ...]] = {}
 
     def plan(
         self, request: GraspRequest, obstacles: list[FloatArray], seed: int
@@ -147,27 +148,56 @@ class RobotAtBench(RobotAtTable):
         free = [k for k in order if room[k] > size / 2 + _GAP_M]
         chosen = [(float(spots[k][0]), float(spots[k][1])) for k in free]
         if request is not None:
-            takes = {spot: self._takers(area, spot, request) for spot in chosen[:_COMPARED]}
-            chosen.sort(key=lambda spot: -takes.get(spot, 0))
+            ways = {spot: len(self.ways(area, spot, request)) for spot in chosen[:_COMPARED]}
+            chosen.sort(key=lambda spot: -ways.get(spot, 0))
         chosen.sort(key=lambda spot: any(np.hypot(*np.subtract(spot, u)) < _SAME_M for u in used))
         return tuple(chosen[:_SPOTS])
 
-    def _takers(self, area: str, spot: tuple[float, float], request: GraspRequest) -> int:
-        """Return in how many ways a thing could lie at a spot so that all others get their hand on.
+    def ways(
+        self, area: str, spot: tuple[float, float], request: GraspRequest
+    ) -> tuple[float, ...]:
+        """Return closing directions by which all robots of an area get to a thing at a spot.
 
-        Robots at one table know how the others are built, and where these stand.
+        Robots at one table know how the others are built, and where these stand. There are none in
+        an area of one robot.
+
+        Parameters
+        ----------
+        spot
+            (x, y) m, base frame.
+        request
+            The grasp that holds the thing now.
+
+        Returns
+        -------
+        tuple of float
+            About the vertical, rad, base frame.
         """
-        at = self.station.world_from_base @ [*spot, 0.0, 1.0]
-        counts = [
-            sum(other.gets_to(arm, at, request, angle) for angle in _ANGLES)
-            for other in self.station.bench.stations.values() if other is not self.station
-            for arm, names in other.post.reach.items() if area in names
-        ]  # fmt: skip
-        return min(counts, default=0)
+        key = (area, spot, request.width, request.height, request.length, request.round)
+        if key not in self._ways:
+            self._ways[key] = self._find_ways(area, spot, request)
+        return self._ways[key]
+
+    def _find_ways(
+        self, area: str, spot: tuple[float, float], request: GraspRequest
+    ) -> tuple[float, ...]:
+        mine, x, y = self.station, *spot
+        at = mine.world_from_base @ [x, y, 0.0, 1.0]
+        yaw = float(np.arctan2(mine.world_from_base[1, 0], mine.world_from_base[0, 0]))
+        hands = [(other, arm) for other in mine.bench.stations.values()
+                 for arm, names in other.post.reach.items() if area in names]  # fmt: skip
+        hands.sort(key=lambda hand: hand[0] is mine)
+        if all(other is mine for other, _ in hands):
+            return ()
+        angles = _ANGLES[:1] if request.round else _ANGLES
+        return tuple(
+            angle for angle in angles
+            if all(other.gets_to(arm, at, request, angle + yaw) for other, arm in hands)
+        )  # fmt: skip
 
 
 _SPOTS = 5
-_COMPARED = 9
+_COMPARED = 6
 """Spots of which it is asked whether others get to them."""
 _SAME_M = 0.015
 _ANGLES = (0.0, np.pi / 4, np.pi / 2, 3 * np.pi / 4)
