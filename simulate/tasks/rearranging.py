@@ -61,7 +61,7 @@ class Rearranging:
         self._failures[failure] += 1
         if self._failures[failure] < _BEFORE_HELP or self._moves[item] >= _MAX_MOVES:
             return False
-        for elsewhere in self._places(robot, place):
+        for elsewhere in self._places(robot, item, place):
             goal = f"<{item}> rt:locatedOn <{elsewhere}>"
             try:
                 found = self.planner.call("plan_goal", goal=goal)
@@ -101,9 +101,14 @@ class Rearranging:
             return None
         return step["claimed_by"], str(values["thing"]), str(values["place"])
 
-    def _places(self, robot: str, place: str) -> list[str]:
-        """Return places to which another robot could move a thing, the emptiest first."""
-        rows = self.planner.query(_ELSEWHERE.format(prefixes=PREFIXES, robot=robot, place=place))
+    def _places(self, robot: str, item: str, place: str) -> list[str]:
+        """Return places to which another robot could move a thing, the emptiest first.
+
+        Where one robot alone gets to, only if the thing was there before: else nobody might get it
+        back from there.
+        """
+        values = {"prefixes": PREFIXES, "robot": robot, "place": place, "item": item}
+        rows = self.planner.query(_ELSEWHERE.format(**values))
         things = Counter(str(row["at"]) for row in rows if row["thing"] is not None)
         return sorted({str(row["at"]) for row in rows}, key=lambda at: (things[at], at))
 
@@ -121,5 +126,7 @@ SELECT ?values WHERE {{ <%s> rt:parameterValues ?values }} LIMIT 1"""
 _ELSEWHERE = """{prefixes}
 SELECT DISTINCT ?at ?thing WHERE {{
   ?other rt:reaches <{place}>, ?at FILTER(?other != <{robot}> && ?at != <{place}>)
+  FILTER(EXISTS {{ ?third rt:reaches ?at FILTER(?third != ?other) }}
+         || EXISTS {{ ?earlier rt:placementOf <{item}> ; rt:placedOn ?at }})
   OPTIONAL {{ ?thing a rt:Exemplar ; rt:locatedOn ?at }}
 }}"""
