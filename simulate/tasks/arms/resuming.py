@@ -108,6 +108,6 @@ def _held_points(robot: RobotAtBench, arm: str, tool: Floats) -> Floats:
     spheres = robot.executor.space_of(body.stance).spheres(arm, body.finger_opening(arm))
     points = points[~spheres.shows(body.arm_joints(arm), points, _SHOWN_M)]
     if len(points) >= _FEW_POINTS:
-        return points
+        return np.asarray(points)
     corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     return np.asarray(tool[:3, 3] + corners * _DEFAULT_M / 2)
