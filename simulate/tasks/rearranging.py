@@ -64,11 +64,11 @@ class Rearranging:
         for elsewhere in self._places(robot, item, place):
             goal = f"<{item}> rt:locatedOn <{elsewhere}>"
             try:
-                found = self.planner.call("plan_goal", goal=goal)
-                if not found["complete"] or not found["steps"] or _is_by(found, robot):
+                answer = self.planner.call("plan_goal", goal=goal)
+                if not answer["complete"] or not answer["steps"] or _is_by(answer, robot):
                     continue
                 stored = self.store(
-                    goal=goal, digest=found["digest"], priority=min(plan["priority"] + 1, 100)
+                    goal=goal, digest=answer["digest"], priority=min(plan["priority"] + 1, 100)
                 )
             except RtaskError as error:
                 if not error.answer_status or error.answer_status >= 500:
