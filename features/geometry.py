@@ -85,8 +85,8 @@ def finite_depth(depth_m: FloatArray) -> NDArray[np.float32]:
     return np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, 0).astype(np.float32)
 
 
-def depth_of_steps(steps: NDArray[np.integer[Any]], step_m: float = 0.001) -> NDArray[np.float32]:
-    """Return a depth image (h, w), m, of whole numbers, such as millimetres (REP 118).
+def depth_of_steps(steps: NDArray[Any], step_m: float = 0.001) -> NDArray[np.float32]:
+    """Return a depth image (h, w), m, of numbers of steps, such as millimetres (REP 118).
 
     0 is missing, and so are negative ones and the largest of 16 bits, which some cameras write for
     what they did not measure.
