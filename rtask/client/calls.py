@@ -985,6 +985,8 @@ class ListedPlan(TypedDict):
     asking_price: float | None
     failing_price: float | None
     steps: list[ListedStep]
+    open_goals: list[str]
+    allows_part: bool
 
 
 class ListedPlans(TypedDict):
@@ -1881,6 +1883,7 @@ class Calls(ABC):
         replaces: str | None = None,
         asking_price: float | None = None,
         failing_price: float | None = None,
+        allow_part: bool | None = None,
     ) -> StoredPlan:
         """Store the plan for a goal, so that robots can carry it out.
 
@@ -1904,6 +1907,9 @@ class Calls(ABC):
             what a question to a person costs, in any unit; default: nobody is asked
         failing_price
             what a failed step costs, in the unit of asking_price; default: nobody is asked
+        allow_part
+            store the steps for what can be reached, and the rest as open goals; else all or
+            nothing; default: False
         """
         answer: StoredPlan = self._operate("store_plan", locals())
         return answer

@@ -253,3 +253,30 @@ def test_commands_list_who_does_what_and_why_and_cancel(tmp_path, capsys):
     assert json.loads(run(*again)[1]) == {"commit": ""}
     assert run("tasks", "list")[0] == 1
     assert "cancelled: enough" in run("tasks", "list", "--all")[1]
+
+
+def test_what_is_out_of_reach_is_stored_as_open_and_listed_with_the_reason(tmp_path, capsys):
+    """Even where nothing at all can be done now."""
+    with rtask.open(tmp_path / "kb", base=BASE) as kb:
+        kb.update(LAB)
+    data = ("-d", str(tmp_path / "kb"))
+    goal = "every bottle into the left box"
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            main([*arguments, *data])
+        printed = capsys.readouterr()
+        return ended.value.code or 0, printed.out, printed.err
+
+    assert "for --store" in run("plan", goal, "--partly")[2]
+    assert "stored" not in run("plan", goal, "--store")[2]
+    code, _, err = run("plan", goal, "--store", "--partly", "--agent", "ann")
+    assert (code, "left open" in err) == (1, True)
+    (listed,) = json.loads(run("tasks", "list", "--json")[1])
+    assert (listed["state"], listed["steps"]) == ("blocked", [])
+    assert "left open: jug located on left box: " in run("tasks", "list")[1]
+    with rtask.open(tmp_path / "kb") as kb:
+        assert claiming.claim_step(kb, PANDA, kb.access("panda-1")).step is None
+    task = err.partition("stored as ")[2].split()[0]
+    assert run("tasks", "cancel", task, "--reason", "enough")[0] == 0
+    assert run("tasks", "list")[0] == 1

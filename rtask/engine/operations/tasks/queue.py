@@ -170,7 +170,8 @@ class ListedPlan(Answer):
     task: str
     goal: str
     state: str
-    """waiting, running, late, failed, declined, done, cancelled or replaced"""
+    """waiting, running, late, failed, declined, blocked, done, cancelled or replaced; blocked: all
+    steps are done, and the open goals wait until they are planned again"""
     priority: int
     deadline: float | None
     """Unix time, s"""
@@ -181,6 +182,10 @@ class ListedPlan(Answer):
     failing_price: float | None
     """of a step that fails"""
     steps: list[ListedStep]
+    open_goals: list[str]
+    """what of the goal was out of reach when it was planned, and why"""
+    allows_part: bool
+    """whether the rest is to be done even so"""
 
 
 class ListedPlans(Answer):
