@@ -58,7 +58,7 @@ def sample(field):
         value = 0.05
     else:
         least = max((one.ge for one in kind.metadata if isinstance(one, Ge)), default=0.0)
-        value = {str: "a", float: max(least, 0.05), int: 1, bool: True}[kind.type]
+        value = {str: "a", float: max(least, 0.05), int: max(1, int(least)), bool: True}[kind.type]
     fewest = max((one.min_length for one in kind.metadata if isinstance(one, MinLen)), default=1)
     return [value] * max(fewest, 1) if kind.is_list else value
 
