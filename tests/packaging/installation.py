@@ -70,7 +70,15 @@ def install(wheel: Path, folder: Path, *extras: str) -> Installation:
     """
     venv.create(folder, with_pip=False, symlinks=True)
     made = Installation(folder)
-    _pip("--python", folder / "bin" / "python", "install", "--no-deps", "--no-index", wheel)
+    _pip(
+        "--python",
+        folder / "bin" / "python",
+        "install",
+        "--no-deps",
+        "--no-compile",
+        "--no-index",
+        wheel,
+    )
     for name in _required(set(extras)):
         _link(name, made.packages)
     _copy_kernels(made.packages)
