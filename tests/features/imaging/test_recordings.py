@@ -242,6 +242,52 @@ def test_compressed_depth_of_floats_is_read_and_a_doubtful_unit_is_said(tmp_path
     assert ["in another unit?" in one for one in warnings] == [True]
 
 
+@pytest.mark.parametrize("steps", [70, 7_000])
+def test_depth_in_centimetres_or_tenths_of_a_millimetre_is_doubted(
+    tmp_path: Path, steps: int
+) -> None:
+    drive = Drive()
+    drive.camera("/camera/depth/camera_info")
+    drive.image("/camera/depth/image_raw", 1005, "16UC1", depth_mm(steps))
+    _, warnings = seen(drive, tmp_path)
+    assert ["in another unit?" in one for one in warnings] == [True]
+
+
+@pytest.mark.parametrize(
+    ("frame", "lift_m", "said"),
+    [
+        ("camera_depth_optical_frame", 0.0, []),
+        ("base_link", 0.0, ["in the frame base_link, which has z up"]),
+        ("velodyne", -0.75, ["of the points lie behind the camera"]),
+    ],
+)
+def test_a_cloud_that_is_in_no_cameras_frame_is_doubted(
+    tmp_path: Path, frame: str, lift_m: float, said: list[str]
+) -> None:
+    drive = Drive()
+    make = drive.store.types["sensor_msgs/msg/PointField"]
+    fields = [make(axis, 4 * k, 7, 1) for k, axis in enumerate("xyz")]
+    points = np.random.default_rng(4).uniform(0.5, 1.0, (400, 3)).astype("<f4")
+    points[:, 2] += np.float32(lift_m)
+    data = np.frombuffer(points.tobytes(), "u1")
+    drive.add(
+        "/points", "sensor_msgs/msg/PointCloud2", 1000, 1, 400, fields, False, 12, 4800, data, True
+    )
+    drive.messages[-1][1].header.frame_id = frame
+    view, warnings = seen(drive, tmp_path)
+    assert len(view.positions) == 400
+    assert [any(part in one for one in warnings) for part in said] == [True] * len(warnings)
+
+
+def test_an_encoding_that_is_not_read_is_not_called_a_drawing(tmp_path: Path) -> None:
+    drive = Drive()
+    good_topics(drive)
+    drive.image("/wrist/depth/image_raw", 1006, "32SC1", np.full((HEIGHT, WIDTH), 700, "<i4"))
+    view, warnings = seen(drive, tmp_path)
+    assert isinstance(view, Frame)
+    assert [one for one in warnings if "32SC1 is not read as depth" in one]
+
+
 def test_a_recording_without_depth_gives_its_photographs(tmp_path: Path) -> None:
     drive = Drive()
     drive.image("/webcam/image_raw", 1001, "yuv422_yuy2", np.full((HEIGHT, WIDTH, 2), 128, "u1"))
