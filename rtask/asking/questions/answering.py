@@ -29,7 +29,7 @@ from rtask.asking.questions.filling import (
     individual,
     unused_mentions,
 )
-from rtask.asking.questions.matching import ASKED, NEAR, Asked, Match, matcher
+from rtask.asking.questions.matching import APART, ASKED, NEAR, Asked, Match, matcher
 from rtask.asking.questions.mentions import (
     MAX_MENTIONS,
     Mention,
@@ -249,7 +249,7 @@ def _answered(
     filled = fill(question, reading.mentions, reading.period)
     if missing := missing_name(question, filled, reading.tokens, reading.ignored):
         return _unanswered(text, reading, not_named(missing, reading.mentions), nearest)
-    if why := _out_of_scope(text, reading, question, nearest[0].likeness):
+    if why := _out_of_scope(text, reading, question, nearest):
         return _unanswered(text, reading, _with_nearest(why, nearest), nearest)
     if nearest[0].likeness > MIN_WORDED and nearest[0].likeness - nearest[1].likeness < CLEARLY:
         listed = " Or: ".join(item.question for item in nearest[:2])
@@ -300,11 +300,14 @@ def _answered(
 _FAR = "None of the questions is near to that."
 
 
-def _out_of_scope(text: str, reading: _Reading, question: Question, likeness: float) -> str:
+def _out_of_scope(
+    text: str, reading: _Reading, question: Question, nearest: tuple[Near, ...]
+) -> str:
     """Return why the nearest question is not the one that is asked, or nothing."""
     asked, phrases = reading.asked, matcher().phrases(question)
     why = unanswerable(text, asked.words, asked.names, reading.ignored, phrases)
-    return why or (_FAR if likeness < ASKED else "")
+    first, second = nearest[0].likeness, nearest[1].likeness
+    return why or (_FAR if first < ASKED and first - second < APART else "")
 
 
 def _with_nearest(words: str, nearest: tuple[Near, ...]) -> str:

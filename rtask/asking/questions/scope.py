@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence, Set
-from itertools import pairwise
 
 from rtask.asking.questions.catalogue import Phrase
 from rtask.asking.questions.words import STOP, concept, raw_words, stem
@@ -53,6 +52,7 @@ _VAGUE = _INTERROGATIVES | _concepts(
     "already more most only really"
 )
 """Concepts that occur in questions about anything."""
+_VAGUE_ROLES = frozenset({"@object", "@kind", "@robot", "@place", "@time"})
 _HANDLED = _concepts("grasp hold take move use try work")
 """Concepts of handling; who has not held a thing has not taken it, either."""
 _ACTS = _words(
@@ -62,6 +62,7 @@ _ACTS = _words(
 _ONLY_ACTS = _words("bring deliver fetch grab put remove delete throw carry take teach")
 """Of these, those that are no nouns and no adjectives, either."""
 _DIRECTED = _words("the a an this that these those my your me us him her it all")
+_LACKING = _concepts("lack lacking")
 _NO_TOPIC = _words("can will may go come make be do have happen")
 
 
@@ -127,6 +128,7 @@ def unanswerable(
     if set(words) <= STOP | _INTERROGATIVES:
         return "Nothing in these words says what is asked for."
     shared = [w for w in content if concept(w) in own and concept(w) not in _VAGUE]
+    shared += [w for w in words if w.startswith("@") and w in own and w not in _VAGUE_ROLES]
     strange = [word for word in strange if concept(stem(word)) not in _VAGUE]
     if strange and not shared:
         return f"None of the questions is about {strange[0]!r}."
@@ -137,7 +139,8 @@ def unanswerable(
 
 def _denied_alone(text: str, names: Set[str], phrases: Sequence[Phrase]) -> str:
     """Return what a question denies and no phrasing does, or nothing."""
-    denied = _denied(text, names)
+    own = {concept(word) for item in phrases for word in item.words}
+    denied = _denied(text, names, own & _LACKING)
     if not denied:
         return ""
     also = {concept for item in phrases for concept in _denied(item.text, _names(item))}
@@ -152,12 +155,15 @@ def _names(item: Phrase) -> Set[str]:
     return {stem(word) for _, words, _ in item.filled for word in raw_words(words)}
 
 
-def _denied(text: str, names: Set[str]) -> dict[str, str]:
-    """Return the concept after each denial, rather than the name there, with its words."""
+def _denied(text: str, names: Set[str], lacked: Set[str] = frozenset()) -> dict[str, str]:
+    """Return the concept after each denial, rather than the name there, with its words.
+
+    What is ``lacked`` in a question itself ("which confidence was lacking?") is no denial.
+    """
     words = raw_words(_NOT.sub(" not ", _NO_DENIAL.sub(" ", text)).replace(" ca not", " can not"))
     result = {}
     for at, word in enumerate(words):
-        if stem(word) not in _DENIALS:
+        if stem(word) not in _DENIALS or concept(stem(word)) in lacked:
             continue
         following = [
             other for other in words[at + 1 :]
@@ -173,11 +179,12 @@ def _denied(text: str, names: Set[str]) -> dict[str, str]:
 def _other_topic(text: str, content: Sequence[str], own: set[str], strange: Sequence[str]) -> str:
     """Return the noun after "which", if other questions are about it; or nothing."""
     words = raw_words(text)
-    for before, word in pairwise(words):
+    for before, word, after in zip(words, words[1:], [*words[2:], ""], strict=False):
         noun = stem(word)
         if (
             before == "which" and noun in content and word not in strange
             and concept(noun) not in own | _VAGUE | _NO_TOPIC
+            and (stem(after) in STOP or concept(stem(after)) not in own)  # no adjective
         ):  # fmt: skip
             return word
     return ""

@@ -34,7 +34,7 @@ _IRREGULAR = {
 _GROUPS = """
 robot machine
 object thing item article
-fail failure unsuccessful unsuccessfully wrong mistake problem trouble
+fail failure unsuccessful unsuccessfully wrong mistake problem trouble struggle
 succeed success successful successfully hold work manage secure
 try attempt trial tried
 grasp grip pick grab seize grasping
@@ -57,7 +57,7 @@ evidence support basis base rest measure proof show
 predict prediction expect expectation prior anticipate forecast
 long slow slower longer duration second seconds
 often frequent frequently frequency common count many number
-refuse refusal decline reject abstain
+refuse refusal decline reject abstain skip
 subtask sub-task step part divide decompose consist belong compose
 overlap simultaneous simultaneously parallel concurrent concurrently
 convert transform transformation conversion
