@@ -44,7 +44,7 @@ from rtask.asking.questions.periods import Period, find_period
 from rtask.asking.questions.scope import command, superlatives, unanswerable
 from rtask.asking.questions.sentences import MAX_CLAUSES, called_only, names_of, sentence
 from rtask.asking.questions.why import why_of
-from rtask.asking.questions.words import split_name, stem
+from rtask.asking.questions.words import split_name, stem, uncontracted
 from rtask.errors import UsageError
 from rtask.rdf.terms import Term, python_value
 from rtask.sparql.results import Solutions
@@ -376,7 +376,7 @@ def _read(run: Select, text: str, base: str, now: dt.datetime) -> _Reading:
     for at, token in enumerate(tokens):
         covering = [item for item in mentions if item.start <= at < item.end]
         words += sorted({f"@{item.role}" for item in covering if item.start == at})
-        for part in split_name(token.strip('"<>').lower()):
+        for part in split_name(uncontracted(token.strip('"<>').lower())):
             word = stem(part)
             if covering:
                 names.add(word)

@@ -17,7 +17,9 @@ __all__ = ["command", "superlatives", "unanswerable"]
 
 _NOT = re.compile(r"n['’]t\b|\bcannot\b", re.I)
 _NO_DENIAL = re.compile(
-    r"\b(?:or not|no longer|no more|not only|not yet|whether or not|if not)\b", re.I
+    r"\b(?:or not|no longer|no more|not only|not yet|whether or not|if not)\b|"
+    r"\bnot\b(?=.*\bany ?(?:more|longer)\b)",
+    re.I,
 )
 _POLITE = re.compile(
     r"^(?:(?:please|kindly|now|hey|ok|and|then)\b[\s,]*|(?:could|can|would|will) you\b\s*|"
@@ -160,7 +162,7 @@ def _denied(text: str, names: Set[str], lacked: Set[str] = frozenset()) -> dict[
 
     What is ``lacked`` in a question itself ("which confidence was lacking?") is no denial.
     """
-    words = raw_words(_NOT.sub(" not ", _NO_DENIAL.sub(" ", text)).replace(" ca not", " can not"))
+    words = raw_words(_NO_DENIAL.sub(" ", _NOT.sub(" not ", text)))
     result = {}
     for at, word in enumerate(words):
         if stem(word) not in _DENIALS or concept(stem(word)) in lacked:

@@ -6,7 +6,16 @@ import re
 import unicodedata
 from collections.abc import Iterator
 
-__all__ = ["STOP", "concept", "forms", "has_synonyms", "split_name", "stem", "words_of"]
+__all__ = [
+    "STOP",
+    "concept",
+    "forms",
+    "has_synonyms",
+    "split_name",
+    "stem",
+    "uncontracted",
+    "words_of",
+]
 
 _WORD = re.compile(r"@?\w+(?:[-'’]\w+)*")
 _CAMEL = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
@@ -192,9 +201,21 @@ def words_of(text: str) -> list[str]:
     return [word if word.startswith("@") else stem(word) for word in raw_words(text)]
 
 
+def uncontracted(word: str) -> str:
+    """Return a word without what is contracted with it.
+
+    >>> [uncontracted(word) for word in ("didn't", "can't", "what's", "mug")]
+    ['did', 'can', 'what', 'mug']
+    """
+    plain = word.replace("’", "'")
+    if plain.endswith("n't"):
+        return {"ca": "can", "wo": "will", "sha": "shall"}.get(plain[:-3], plain[:-3])
+    return plain.partition("'")[0]
+
+
 def raw_words(text: str) -> list[str]:
     """Return the words of a text in lower case, without accents."""
-    return [word.partition("'")[0].partition("’")[0] for word in _WORD.findall(_fold(text))]
+    return [uncontracted(word) for word in _WORD.findall(_fold(text))]
 
 
 def forms(words: list[str]) -> Iterator[str]:

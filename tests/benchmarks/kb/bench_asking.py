@@ -265,6 +265,7 @@ def report_words(shows_missed: bool) -> None:
             ("in three styles", question_words.unseen(kb, "asking_fifth.toml")),
             ("spoken, and by visitors", question_words.unseen(kb, "asking_sixth.toml")),
             ("in haste, and by heads", question_words.unseen(kb, "asking_seventh.toml")),
+            ("of students", question_words.unseen(kb, "asking_eighth.toml")),
         ):
             tried = list(tries)
             right = sum(one.is_filled for one in tried)
