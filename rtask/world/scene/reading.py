@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import TooLargeError, UnknownTermError
-from rtask.rdf.namespaces import RDF, RT
+from rtask.rdf.namespaces import CORA, RDF, RT
 from rtask.rdf.terms import NamedNode, iri, python_value
 from rtask.world.frames import Rooted
 from rtask.world.names import find_frame, label_of
@@ -108,8 +108,11 @@ class _Reader:
                 self._unplaced.append(Unplaced(frame, label, rooted.fault))
             else:
                 self._rooted[frame] = rooted
+        all_robots = set(self._subjects(RDF.type, CORA.Robot))  # products have a body frame as well
         for quad in self.world.kb.match(None, RT.bodyFrame):
-            if isinstance(quad.object, NamedNode) and isinstance(quad.subject, NamedNode):
+            if not (isinstance(quad.object, NamedNode) and isinstance(quad.subject, NamedNode)):
+                continue
+            if quad.subject.value in all_robots:
                 robots = self._robots.setdefault(quad.object.value, [])
                 if quad.subject.value not in robots:
                     robots.append(quad.subject.value)
