@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import TooLargeError, UnknownTermError
-from rtask.rdf.namespaces import RDF, RT
+from rtask.rdf.namespaces import CORA, RDF, RT
 from rtask.rdf.terms import NamedNode, iri, python_value
 from rtask.world.frames import Rooted
 from rtask.world.names import find_frame, label_of
@@ -19,6 +19,7 @@ from rtask.world.placement import Placement
 from rtask.world.scene.grasps import DEFAULT_GRASPS, StoredGrasp, grasps_of
 from rtask.world.scene.nodes import Fact, Kind, Scene, SceneNode, SceneSurface, Unplaced
 from rtask.world.spots import Spot, Spots
+from rtask.world.supports import size_of
 from rtask.world.surfaces import read_surface, stored_mesh
 
 if TYPE_CHECKING:
@@ -91,13 +92,13 @@ class _Reader:
     time_s: float
     with_surfaces: bool
     _rooted: dict[str, Rooted] = field(default_factory=dict)
-    _robots: dict[str, list[str]] = field(default_factory=dict)
+    _bodies: dict[str, list[tuple[Kind, str]]] = field(default_factory=dict)
     _located: list[_Located] = field(default_factory=list)
     _unplaced: list[Unplaced] = field(default_factory=list)
     _surfaces: dict[str, SceneSurface | None] = field(default_factory=dict)
 
     def read_frames(self) -> None:
-        """Read the tree of frames, and on which of them robots stand."""
+        """Read the tree of frames, and which of them are those of robots, tables and boxes."""
         frames = self._subjects(RDF.type, RT.Frame)
         if len(frames) > MAX_FRAMES:
             raise TooLargeError(f"a scene has at most {MAX_FRAMES} frames; there are {len(frames)}")
@@ -110,9 +111,16 @@ class _Reader:
                 self._rooted[frame] = rooted
         for quad in self.world.kb.match(None, RT.bodyFrame):
             if isinstance(quad.object, NamedNode) and isinstance(quad.subject, NamedNode):
-                robots = self._robots.setdefault(quad.object.value, [])
-                if quad.subject.value not in robots:
-                    robots.append(quad.subject.value)
+                body = self._kind_of(quad.subject), quad.subject.value
+                bodies = self._bodies.setdefault(quad.object.value, [])
+                if body not in bodies:
+                    bodies.append(body)
+
+    def _kind_of(self, node: NamedNode) -> Kind:
+        if self.world.kb.match(node, RDF.type, CORA.Robot):
+            return "robot"
+        is_place = self.world.kb.match(node, RDF.type, RT.SupportSurface)
+        return "place" if is_place else "robot"
 
     def read_exemplars(self) -> None:
         """Read the things that have a place."""
@@ -152,8 +160,9 @@ class _Reader:
             parent = rooted.path[1] if len(rooted.path) > 1 else None
             pose = rooted.poses[1] if parent else np.eye(4)
             add("frame", frame, parent, pose, self.world.frames.name_of(frame))
-            for robot in self._robots.get(frame, ()):
-                add("robot", robot, frame, np.eye(4))
+            for body, node in self._bodies.get(frame, ()):
+                size = size_of(self.world.kb, node) if body == "place" else None
+                add(body, node, frame, np.eye(4), size_m=size)
         shown = [thing for thing in self._located if thing.spot.root == root]
         products = {thing.iri: self.world.product_of(thing.iri) for thing in shown}
         grasps = grasps_of(self.world.kb, set(products.values()) - {""}, max_grasps)
@@ -188,7 +197,7 @@ class _Reader:
         frames = Counter(rooted.root for rooted in self._rooted.values())
         return {
             root: (things[root], frames[root]) for root in {*things, *frames}
-            if things[root] or frames[root] > 1 or root in self._robots
+            if things[root] or frames[root] > 1 or root in self._bodies
         }  # fmt: skip
 
     def _placed(self, thing: str, placement: Placement, spot: Spot) -> _Located:

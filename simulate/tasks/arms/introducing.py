@@ -58,7 +58,13 @@ def introduce(
     seed
         Of the choices of the robots.
     """
-    names = {name: station.robot.describe(name) for name, station in bench.stations.items()}
+    names: dict[str, dict[str, Any]] = {}
+    taken: set[str] = set()
+    for name, station in bench.stations.items():
+        # A place that several hands get to is one place, which the first robot describes.
+        own = [place for place in station.places() if place["name"] not in taken]
+        taken.update(place["name"] for place in own)
+        names[name] = station.robot.describe(name, own)
     robots = {
         name: str(planner.call("register_robot", **message)["robot"])
         for name, message in names.items()
