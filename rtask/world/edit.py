@@ -365,6 +365,8 @@ class WorldEdit:
         if is_there is not None:
             return is_there
         if last.frame_from_subject is None:
+            if last.relation == "in":  # things are seen on tables, and seldom in boxes
+                return False
             before = self._pose_before(last)
             return bool(seen.exemplar) or (before is not None and self._is_there(before, seen))
         there = self.world.pose_in(last, seen.frame, seen.time_s)

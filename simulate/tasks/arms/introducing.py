@@ -62,9 +62,9 @@ def introduce(
     taken: set[str] = set()
     for name, station in bench.stations.items():
         # A place that several hands get to is one place, which the first robot describes.
-        own = [place for place in station.places() if place["name"] not in taken]
-        taken.update(place["name"] for place in own)
-        names[name] = station.robot.describe(name, own)
+        described = [p for p in station.places() if p["name"] not in taken]
+        taken.update(place["name"] for place in described)
+        names[name] = station.robot.describe(name, described)
     robots = {
         name: str(planner.call("register_robot", **message)["robot"])
         for name, message in names.items()
