@@ -18,10 +18,10 @@ from rtask.rdf.namespaces import RT, mint
 from rtask.rdf.terms import Literal, NamedNode, iri
 from rtask.world.identity import Candidate, identify
 from rtask.world.placement import DEFAULT_SIGMA_M, Placement, Relation
+from rtask.world.spots import Pose, is_at
 from rtask.world.standing import is_same_standing
 from rtask.world.state import WorldState
 from rtask.world.statements import Statement, confirmed, doubted, ended, new_exemplar, placed
-from rtask.world.supports import Pose, is_at
 from rtask.world.uncertainty import MOVED_M, NEARBY_M, Spread, spread_of
 
 __all__ = ["MOVED_RAD", "Seen", "WorldEdit"]

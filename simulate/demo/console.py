@@ -45,7 +45,9 @@ class Console:
         """Print what a robot did."""
         line = event_sentence(event)
         if line:
-            self._progress.print(f"  {robot}: {line}", markup=False, soft_wrap=True)
+            # What the same robot does without the graph stands between, and steps back.
+            style = "dim" if self._terminal and robot.endswith("-alone") else None
+            self._progress.print(f"  {robot}: {line}", markup=False, soft_wrap=True, style=style)
 
     def table(
         self,
@@ -78,7 +80,10 @@ class Console:
         self._results.print(
             with_prefixes(answer.question.sparql).rstrip(), style="dim", soft_wrap=True
         )
-        self.table("", answer.columns, answer.rows)
+        if answer.rows:
+            self.table("", answer.columns, answer.rows)
+        else:
+            self.line("No rows: that did not happen.")
 
     def line(self, text: str = "") -> None:
         """Print a line of results."""
@@ -107,7 +112,7 @@ def _recognised_sentence(event: dict[str, Any]) -> str:
     title, label = event["title"], event["label"] or event["recognised"]
     if not event["recognised"]:
         return f"meets {title}, which its graph does not know"
-    known = "knows" if label == title else "takes"
+    known = "recognises" if label == title else "takes"
     other = "" if label == title else f" for {label}"
     return f"{known} {title}{other} ({100 * event['confidence']:.0f} % sure)"
 

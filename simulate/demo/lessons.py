@@ -60,13 +60,17 @@ class Lessons:
 
     def sentence(self) -> str:
         """Return the figures in words."""
-        text = f"{self.robot} recalled {self.recalled} of {self.won} lessons about what it tried"
+        products = "product" if self.won == 1 else "products"
+        text = (
+            f"Of {self.won} {products} that another robot had held before, {self.robot} began "
+            f"with the remembered grasp at {self.recalled}"
+        )
         if self.followed:
-            text += f" and followed {self.followed} more by a grasp of its own at the same place"
+            text += f", and with a grasp of its own at the same place at {self.followed}"
         if self.won_in_space:
             text += (
-                f", {self.recalled_in_space} of {self.won_in_space} of those won with a grasp "
-                "planned on the whole view"
+                f" (of {self.won_in_space} held with a grasp planned on the whole view, "
+                f"at {self.recalled_in_space})"
             )
         return f"{text}."
 

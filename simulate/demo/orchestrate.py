@@ -7,18 +7,20 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import rtask
 from rtask.errors import RtaskError, UsageError
 from simulate.agent.decisions import Thresholds
 from simulate.demo.console import Console
 from simulate.demo.lessons import lessons_of
 from simulate.demo.processes import Endpoint, Robot, RobotJob, run_rtask
+from simulate.demo.products import state_kinds
 from simulate.demo.queries import QUESTIONS, ask
 from simulate.demo.report import (
     COLUMNS,
@@ -44,6 +46,7 @@ _SUITABLE = {
 """Kinds of robots, in turn. The hard and the unforeseen products are heavy, or break in a strong
 hand, which is a Panda's; at the light and the fragile ones, a Panda gets the lessons of two Naos
 last."""
+_SECONDS_PER_PRODUCT = 8.0
 _STORE, _REPORT, _LOGS, _OUTBOX = "store", "report", "logs", "outbox"
 
 
@@ -67,6 +70,21 @@ def _command() -> str:
     if Path(sys.argv[0]).name == "__main__.py":
         return f"{os.path.relpath(sys.executable)} -m rtask"
     return os.path.relpath(sys.argv[0])
+
+
+def _new_token(store: Path, *whose: str) -> str:
+    made = json.loads(run_rtask("token", "create", "--data", str(store), *whose, "--json"))
+    return str(made["token"])
+
+
+def _ready_sentence(robot: str, event: Mapping[str, Any]) -> str:
+    """Return in words what a robot has before it, and whether it works without the graph."""
+    number, in_reach = int(event["objects"]), int(event["in_reach"])
+    reach = "all in reach" if in_reach == number else f"{in_reach} of them in reach"
+    product = "product" if number == 1 else "products"
+    twin = robot.removesuffix("-alone")
+    table = f", at the table of {twin} but without the graph," if twin != robot else ""
+    return f"{robot}{table} faces {number} {product}, {reach}"
 
 
 @dataclass(frozen=True)
@@ -131,6 +149,13 @@ class Settings:
         return kinds[index % len(kinds)]
 
     @property
+    def expected_time(self) -> str:
+        """How long the robots work on two idle cores, in words; measured with Naos."""
+        works = self.robots + len(self.compared)
+        minutes = round(works * self.objects * _SECONDS_PER_PRODUCT / 60)
+        return f"about {minutes} minutes" if minutes > 1 else "about a minute"
+
+    @property
     def compared(self) -> tuple[int, ...]:
         """Numbers of the robots that also work with a graph of their own: the second, the last."""
         if self.products == "plain" or self.robots < 2:
@@ -170,7 +195,11 @@ class Demo:
             for sentence in self._opening():
                 self.console.step(sentence)
             self.console.step(f"watch the robots at {endpoint.url}/activity")
-            self.console.step(f"starting {self.settings.robots} robots")
+            self.console.step(
+                f"starting {self.settings.robots} robots; "
+                f"they take {self.settings.expected_time} on two idle cores"
+            )
+            known = set(self._products)
             robots = [self._robot(stack, folder, endpoint.url, i) for i in range(self._count)]
             beside = stack.enter_context(ThreadPoolExecutor(1))
             alone = {
@@ -179,6 +208,7 @@ class Demo:
             }
             done = [self._watch(robot, endpoint, self._products) for robot in robots]
             apart = {index: work.result() for index, work in alone.items()}
+            self._read_labels(folder, endpoint.url, known)
             answers = [ask(endpoint.url, question) for question in QUESTIONS]
             table = rows(done)
             lessons = lessons_of(done)
@@ -209,6 +239,14 @@ class Demo:
             if stay:
                 self._wait(endpoint)
         return result
+
+    def _read_labels(self, folder: Path, url: str, known: set[str]) -> None:
+        """State the kinds of the products that the robots met in this run."""
+        new = {iri: name for iri, name in self._products.items() if iri not in known}
+        if new:
+            token = _new_token(folder / _STORE, "--role", "teacher", "--name", "labels")
+            with rtask.connect(url, token=token) as client:
+                state_kinds(client, new)
 
     def _opening(self) -> list[str]:
         names = [self._name(index) for index in range(self._count)]
@@ -249,9 +287,7 @@ class Demo:
     def _robot(self, stack: ExitStack, folder: Path, url: str, index: int) -> Robot:
         """Create a token for a robot and start it; it waits for ``go``."""
         name = self._name(index)
-        token = json.loads(
-            run_rtask("token", "create", "--data", str(folder / _STORE), "--robot", name, "--json")
-        )["token"]
+        token = _new_token(folder / _STORE, "--robot", name)
         return self._start(stack, folder, self._job(folder, name, url, index), token)
 
     def _alone(self, stack: ExitStack, folder: Path, index: int) -> Robot:
@@ -298,10 +334,7 @@ class Demo:
         """
         for event in robot.events():
             if event["event"] == "ready":
-                self.console.step(
-                    f"{robot.name} faces {event['objects']} objects, "
-                    f"{event['in_reach']} of them in reach"
-                )
+                self.console.step(_ready_sentence(robot.name, event))
                 robot.go()
             elif event["event"] == "done":
                 scored = self._score(event, products)

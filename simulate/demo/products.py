@@ -1,11 +1,13 @@
-"""The work of a robot, product by product."""
+"""Products of a demo: the work of a robot at each, and what their labels say."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["by_product"]
+from rtask.client import Client
+
+__all__ = ["by_product", "state_kinds"]
 
 
 def by_product(encounters: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -27,3 +29,22 @@ def by_product(encounters: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         if encounter.get("right") is False:  # trials of single objects know no identities
             earlier["right"] = False
     return joined
+
+
+def state_kinds(client: Client, products: Mapping[str, str]) -> None:
+    """State of each object in the graph what its label says it is: a carton, a rod.
+
+    A camera tells some kinds from the shape and leaves others open. This comes after the robots
+    have worked, so that no decision of theirs depends on it.
+
+    Parameters
+    ----------
+    client
+        Connection of a teacher.
+    products
+        Name of the product behind each object; those of the empty name stand for none.
+    """
+    for iri, product in products.items():
+        if product:
+            kind = product.partition("-")[0]
+            client.teach_object(operation="teach", object=iri, class_description=kind)

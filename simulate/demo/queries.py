@@ -34,30 +34,29 @@ class Answer:
 
 QUESTIONS = (
     Question(
-        "Which objects are known, and who grasped them how?",
+        "Which products are known, and who grasped them how?",
         """
-SELECT ?id ?robot ?hand ?grasp (COUNT(DISTINCT ?attempt) AS ?attempts)
+SELECT ?product ?robot ?hand ?grasp (COUNT(DISTINCT ?attempt) AS ?attempts)
        (COUNT(DISTINCT ?won) AS ?held) {
-  ?object a rt:ManipulableObject ; rt:objectId ?id ; rt:hasGrasp ?grasp .
+  ?object rt:objectId ?id ; rt:name ?product ; rt:hasGrasp ?grasp .
   ?attempt rt:executesGrasp ?grasp ; rt:performedBy/rt:name ?robot ; rt:hasOutcome ?outcome ;
            rt:activates/rt:gripperType ?hand .
   OPTIONAL { ?outcome rt:judgedSuccess true BIND(?outcome AS ?won) }
-} GROUP BY ?id ?robot ?hand ?grasp ORDER BY ?id ?robot ?grasp""",
+} GROUP BY ?product ?robot ?hand ?grasp ORDER BY ?product ?robot ?grasp""",
     ),
     Question(
-        "How often does each class of object stay in the hand, by where the grasp came from?",
+        "How often does each kind of product stay in the hand of each kind of robot?",
         """
-SELECT ?class ?generator (COUNT(DISTINCT ?outcome) AS ?attempts)
+SELECT ?kind ?hand (COUNT(DISTINCT ?outcome) AS ?attempts)
        (ROUND(100 * SUM(IF(?held, 1, 0)) / COUNT(?held)) AS ?percentHeld) {
-  { SELECT DISTINCT ?class ?generator ?outcome ?held {
-      ?object rt:hasGrasp ?grasp ; a ?type . ?type rdfs:label ?class .
-      VALUES ?type {
-        rt:Box rt:Bar rt:Cylinder rt:Ball rt:Bottle rt:Pen rt:Can rt:ManipulableObject
-      }
-      ?grasp rt:triedIn/rt:hasOutcome ?outcome . ?outcome rt:judgedSuccess ?held .
-      OPTIONAL { ?grasp rt:generator ?generator }
+  { SELECT DISTINCT ?kind ?hand ?outcome ?held {
+      ?object rt:objectId ?id ; rt:hasGrasp/rt:triedIn ?attempt ; a ?type .
+      ?attempt rt:activates/rt:gripperType ?hand ; rt:hasOutcome ?outcome .
+      ?outcome rt:judgedSuccess ?held .
+      ?type rdfs:subClassOf rt:ManipulableObject ; rdfs:label ?kind
+      FILTER(?type != rt:ManipulableObject)
   } }
-} GROUP BY ?class ?generator ORDER BY ?class ?generator""",
+} GROUP BY ?kind ?hand ORDER BY ?kind ?hand""",
     ),
     Question(
         "What is known about the robots that nobody ever asserted?",
@@ -70,18 +69,18 @@ SELECT DISTINCT ?robot ?property ?value {
   { GRAPH ?inferred { ?who rt:hasCapability ?value } BIND("is capable of" AS ?property) }
   UNION
   { { SELECT ?who (COUNT(DISTINCT ?object) AS ?value) {
-        ?g a rt:InferredGraph . GRAPH ?g { ?who rt:canGrasp ?object }
-      } GROUP BY ?who } BIND("can grasp objects" AS ?property) }
+        ?g a rt:InferredGraph . GRAPH ?g { ?who rt:canGrasp ?object } ?object rt:objectId ?id
+      } GROUP BY ?who } BIND("number of products that fit its hand" AS ?property) }
 } ORDER BY ?robot ?property ?value""",
     ),
     Question(
         "Why did a robot not grasp, and what did it do then?",
         """
-SELECT ?robot ?id ?lacking (ROUND(100 * ?confidence) / 100 AS ?found) ?required ?then {
+SELECT ?robot ?product ?lacking (ROUND(100 * ?confidence) / 100 AS ?found) ?required ?then {
   ?refusal a rt:GraspRefusal ; prov:wasAssociatedWith/rt:name ?robot ; rt:atTime ?time ;
     rt:lackingConfidence ?lacking ; rt:foundConfidence ?confidence ;
     rt:requiredConfidence ?required .
-  OPTIONAL { ?refusal rt:refusedObject/rt:objectId ?id }
+  OPTIONAL { ?refusal rt:refusedObject/rt:name ?product }
   OPTIONAL { ?refusal rt:refusalResponse ?then }
 } ORDER BY ?robot ?time""",
     ),

@@ -76,7 +76,7 @@ def _attempt(
     if attempt["held"] and why == "not_judged":
         done += "; it could not see where it put it down"
     elif why not in ("ok", ""):
-        done += f": {reason_words(why)}"
+        done += f"{', but' if attempt['held'] else ':'} {reason_words(why)}"
     grasp = GRASP_WORDS.get(attempt["source"], f"grasp from {attempt['source']}")
     hand = f' data-hand="{hand_data(attempt["hand"])}"' if attempt.get("hand") else ""
     belief = float(attempt.get("mean", 0.0))
@@ -101,7 +101,8 @@ def _advice(text: str, is_shared: bool) -> str:
     evidence, _, otherwise = text.partition(_BESIDE)
     line = f"<p>{'The' if is_shared else 'Its own'} {escape(evidence)}."
     if otherwise:
-        line += f" Geometry alone would have chosen: {escape(otherwise)}."
+        other = f"a grasp {otherwise}" if otherwise[0].isdigit() else otherwise
+        line += f" Geometry alone would have chosen {escape(other)}."
     return f"{line}</p>"
 
 
@@ -112,7 +113,8 @@ def _pictures(folder: Path, robot: str, attempt: Mapping[str, Any], succeeded: b
         return ""
     phases = [path.stem.split("-")[-1] for path in paths]
     moment = phases.index("held") if succeeded and "held" in phases else len(paths) - 1
-    shots = [_shot(robot, path, phase) for path, phase in zip(paths, phases, strict=True)]
+    kept = attempt["placed"] or attempt["place_reason"] != "slip_transport"
+    shots = [_shot(robot, path, phase, kept) for path, phase in zip(paths, phases, strict=True)]
     others = "".join(
         shot.replace("<img ", '<img loading="lazy" ', 1)
         for number, shot in enumerate(shots)
@@ -126,8 +128,10 @@ def _pictures(folder: Path, robot: str, attempt: Mapping[str, Any], succeeded: b
     )
 
 
-def _shot(robot: str, path: Path, phase: str) -> str:
-    words = escape(phase_words(phase))
+def _shot(robot: str, path: Path, phase: str, kept: bool) -> str:
+    # A hand that lost the product on the way opens over its box all the same.
+    is_empty = phase == "placed" and not kept
+    words = escape("after it was lost" if is_empty else phase_words(phase))
     return (
         f'<figure><img src="{escape(robot)}/{escape(path.name)}" alt="{words}">'
         f"<figcaption>{words}</figcaption></figure>"

@@ -33,6 +33,7 @@ def report_page(folder: Path, result: Mapping[str, Any]) -> str:
     parts = [f'<p class="gain">{escape(sentence)}</p>' for sentence in _sentences(result)]
     parts += [_chart(group, work, products) for group in groups if len(group) == 2]
     parts.append(_totals([*result["robots"], *_alone(result)]))
+    parts.append(_legend(work))
     for product in products:
         rows = [_row(folder, product, group, work) for group in groups]
         parts.append(f"<h2>{escape(product or 'not on any list')}</h2>\n" + "\n".join(rows))
@@ -41,7 +42,7 @@ def report_page(folder: Path, result: Mapping[str, Any]) -> str:
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>What the robots did</title><style>\n{style}</style></head><body>\n{HATCH}<main>"
-        "<h1>What the robots did</h1>\n" + "\n".join(parts) + f"\n{_notes(work)}</main>\n"
+        "<h1>What the robots did</h1>\n" + "\n".join(parts) + f"\n{_notes()}</main>\n"
         f"<script>\n{script}</script></body></html>\n"
     )
 
@@ -77,20 +78,24 @@ def _sentences(result: Mapping[str, Any]) -> list[str]:
     return [*(gain["sentence"] for gain in gains), *lessons]
 
 
-def _notes(work: Mapping[str, Met]) -> str:
+def _notes() -> str:
     """Return how to read the page."""
-    notes = [
-        "Every robot faced the same products, one robot after the other, each elsewhere and in "
-        "another light. Held and placed are the robots' own judgements."
-    ]
-    drawn = [met for robot in work.values() for met in robot.values() if met.get("hidden")]
-    if drawn:
-        notes.append(
-            "The drawings are to scale, and come from the simulation, which no robot sees: where "
-            "the hand closed on the product, and what the product hides. Hatched: the part that "
-            "breaks when it is pressed. Dot: the centre of mass."
-        )
-    return '<p class="notes">' + " ".join(notes) + "</p>"
+    return (
+        '<p class="notes">Every robot faced the same products, one robot after the other, each '
+        "elsewhere and in another light. Held and placed are the robots' own judgements.</p>"
+    )
+
+
+def _legend(work: Mapping[str, Met]) -> str:
+    """Return how to read the drawings; empty where there is none."""
+    if not any(met.get("hidden") for robot in work.values() for met in robot.values()):
+        return ""
+    return (
+        '<p class="notes">The drawings show each product from above, to scale, with the hand of '
+        "the attempt and, as lines, where the hand closed in the others. Hatched: the part that "
+        "breaks when it is pressed. Dot: the centre of mass. Both come from the simulation; no "
+        "robot sees them. The bar below is the chance that the robot gave the grasp.</p>"
+    )
 
 
 def _chart(group: Sequence[str], work: Mapping[str, Met], products: Sequence[str]) -> str:

@@ -14,13 +14,13 @@ _SECRETS = {
     "and sharing has little to add.",
     "light": "These products look like plain boxes, weigh what a Nao can lift, and hide what "
     "decides a grasp: of a carton one end breaks when it is pressed, a rod has its weight near one "
-    "end. A robot that has only its eyes must fail first.",
+    "end. Eyes alone cannot tell which, so first attempts often fail.",
     "fragile": "These products look like plain boxes, weigh what a Nao can lift, and hide what "
     "decides a grasp: of a carton one end breaks when it is pressed, a rod has its weight near one "
-    "end. A robot that has only its eyes must fail first.",
+    "end. Eyes alone cannot tell which, so first attempts often fail.",
     "hard": "These products look like plain boxes and hide what decides a grasp: of a carton one "
-    "end breaks when it is pressed, a bar or a flask has its weight near one end. A robot that "
-    "has only its eyes must fail first.",
+    "end breaks when it is pressed, a bar or a flask has its weight near one end. Eyes alone "
+    "cannot tell which, so first attempts often fail.",
     "unforeseen": "These products look like plain boxes, and what decides a grasp is none of the "
     "causes that the graph names: both ends break, or all but two ribs, or a lid in the middle; a "
     "band is slippery; or a weight slides from end to end.",

@@ -27,8 +27,7 @@ from simulate.robots.description import (
 )
 from simulate.robots.other_hands import cup_with_wrist
 from simulate.world.arm_cup import ArmCup
-from simulate.world.places import places_of
-from simulate.world.world import World
+from simulate.world.world import World, places_of
 
 __all__ = ["REST_OPENING", "FingerTouch", "HandTouch", "RobotBody"]
 
@@ -414,7 +413,7 @@ class RobotBody:
         Parameters
         ----------
         places
-            Tables and boxes as of :func:`simulate.world.places.places_of`; default: those of the
+            Tables and boxes as of :func:`simulate.world.world.places_of`; default: those of the
             world, if the robot stands at its origin.
         """
         robot = self.description

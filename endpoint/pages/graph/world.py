@@ -118,7 +118,7 @@ def _shown(world: World, scene: Scene) -> Model:
     counts = Counter(node.kind for node in scene.nodes)
     return {
         "time": _stamp(scene.time_s), "time_s": scene.time_s, "root": scene.root,
-        "root_name": world.frames.name_of(scene.root), "nodes": nodes, "counts": dict(counts),
+        "root_name": _full_name(world, scene.root), "nodes": nodes, "counts": dict(counts),
         "others": [
             {"iri": root, "name": world.frames.name_of(root), "robot": _robot_of(root),
              "things": things}
@@ -139,6 +139,12 @@ def _node(scene: Scene, node: SceneNode, root_from_node: Any) -> Model:
         "above": scene.nodes[node.parent].label if node.parent is not None else "",
         "pose": np.round(root_from_node, 5).tolist(), "size": node.size_m, **facts,
     }  # fmt: skip
+
+
+def _full_name(world: World, frame: str) -> str:
+    """Return the name of a frame, behind that of its robot: each has a frame of such a name."""
+    name, robot = world.frames.name_of(frame), _robot_of(frame)
+    return f"{robot}/{name}" if robot else name
 
 
 def _robot_of(frame: str) -> str:

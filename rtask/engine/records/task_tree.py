@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from rtask.engine.triples import Triples
-from rtask.rdf.namespaces import PREFIXES, RT
+from rtask.rdf.namespaces import PREFIXES, RDF, RT
 from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:
@@ -55,8 +55,12 @@ def state_task_tree(context: Context, triples: Triples, attempt: Attempt) -> Non
     triples.add(attempt.task, RT.precedes, placing)
     triples.add(placing, RT.carriedOutBy, attempt.attempt)
     if attempt.outcome.report.place:
-        place = place_iri(robot, attempt.outcome.report.place)
-        triples.node(place, [RT.SupportSurface], {RT.name: attempt.outcome.report.place})
+        name = attempt.outcome.report.place
+        place = place_iri(robot, name)
+        triples.node(place, [RT.SupportSurface], {RT.name: name})
+        frame = NamedNode(f"{robot.value}/frame/{quote(name, safe='')}")
+        if context.kb.match(frame, RDF.type, RT.Frame):
+            triples.add(place, RT.bodyFrame, frame)  # the robot told where this place is
         triples.add(placing, RT.targetSurface, place)
 
 

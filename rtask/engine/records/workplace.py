@@ -77,9 +77,12 @@ def state_places(
                              field=f"places[{k}].frame_id")  # fmt: skip
         node = place_iri(robot, place.name)
         frame = state_frame_of(triples, robot, frame_id)
-        own = NamedNode(f"{node.value}/frame/surface")
-        label = f"{robot.value.rpartition('/')[2]}/{place.name}"
-        triples.node(own, [RT.Frame], {RT.frameId: label})
+        if place.name == frame_id:
+            raise UsageError(
+                f"places[{k}].frame_id: {frame_id!r} is the place's own frame; name the frame in "
+                "which that stands", field=f"places[{k}].frame_id",
+            )  # fmt: skip
+        own = state_frame_of(triples, robot, place.name)
         triples.node(
             node,
             [RT.SupportSurface],

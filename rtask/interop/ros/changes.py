@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
-from rtask.errors import RtaskError
+from rtask.errors import EpochChangedError, GoneError, RemoteUnavailableError, RtaskError
 from rtask.interop.ros.convert import Make, make_message
 
-__all__ = ["ChangeTopic", "Commit", "change_message"]
+__all__ = ["ChangeTopic", "Commit", "Follow", "change_message", "commits_of"]
 
 log = logging.getLogger(__name__)
+
+_PAUSE_S = 1.0
 
 
 class Commit(Protocol):
     """The part of a followed change that is published on the topic."""
 
+    @property
+    def version(self) -> str: ...
     @property
     def seq(self) -> int: ...
     @property
@@ -30,6 +35,43 @@ class Commit(Protocol):
     def inferred_added(self) -> tuple[tuple[str, str, str, str], ...]: ...
 
 
+class Follow(Protocol):
+    """Yields the commits since a version, or from now on; the ``follow`` of a client."""
+
+    def __call__(self, *, since: str | None = None) -> Iterator[Commit]: ...
+
+
+def commits_of(follow: Follow, may_go_on: Callable[[], bool]) -> Iterator[Commit]:
+    """Yield the commits of a server from now on, however long it is away in between.
+
+    After a server was away it goes on with the commit after the last one that was yielded; where
+    the server no longer has those in between, with the next.
+
+    Parameters
+    ----------
+    may_go_on
+        Asked after each time that the server went away; may wait.
+
+    Raises
+    ------
+    RtaskError
+        The server refuses, such as a token that is no longer valid.
+    """
+    version = None
+    while True:
+        try:
+            for commit in follow(since=version):
+                version = commit.version
+                yield commit
+        except RemoteUnavailableError as error:
+            log.warning("rtask/changes: %s; the node goes on when it is back", error)
+        except (GoneError, EpochChangedError) as error:
+            version = str(error.details["version"])
+            log.warning("rtask/changes: %s; commits in between are no messages", error)
+        if not may_go_on():
+            return
+
+
 class ChangeTopic:
     """Topic ``rtask/changes``: one message for each commit, while somebody subscribes.
 
@@ -39,7 +81,7 @@ class ChangeTopic:
         Returns the commits from now on, over as many connections as it takes.
     """
 
-    def __init__(self, follow: Callable[[], Iterator[Commit]]) -> None:
+    def __init__(self, follow: Follow) -> None:
         import rospy
 
         self._follow = follow
@@ -61,7 +103,7 @@ class ChangeTopic:
 
     def _run(self) -> None:
         try:
-            for commit in self._follow():
+            for commit in commits_of(self._follow, self._is_heard_still):
                 # The next subscriber starts again.
                 if self._topic.get_num_connections() == 0:
                     break
@@ -71,6 +113,10 @@ class ChangeTopic:
         finally:
             with self._lock:
                 self._thread = None
+
+    def _is_heard_still(self) -> bool:
+        time.sleep(_PAUSE_S)
+        return bool(self._topic.get_num_connections())
 
 
 def change_message(commit: Commit, make: Make) -> Any:

@@ -18,8 +18,7 @@ from rtask.world.names import find_frame, label_of
 from rtask.world.placement import Placement
 from rtask.world.scene.grasps import DEFAULT_GRASPS, StoredGrasp, grasps_of
 from rtask.world.scene.nodes import Fact, Kind, Scene, SceneNode, SceneSurface, Unplaced
-from rtask.world.spots import Spot, Spots
-from rtask.world.supports import size_of
+from rtask.world.spots import Spot, Spots, size_of
 from rtask.world.surfaces import read_surface, stored_mesh
 
 if TYPE_CHECKING:
@@ -109,18 +108,18 @@ class _Reader:
                 self._unplaced.append(Unplaced(frame, label, rooted.fault))
             else:
                 self._rooted[frame] = rooted
+        # Products and cameras have a body frame as well.
+        all_robots = set(self._subjects(RDF.type, CORA.Robot))
+        all_places = set(self._subjects(RDF.type, RT.SupportSurface))
         for quad in self.world.kb.match(None, RT.bodyFrame):
-            if isinstance(quad.object, NamedNode) and isinstance(quad.subject, NamedNode):
-                body = self._kind_of(quad.subject), quad.subject.value
-                bodies = self._bodies.setdefault(quad.object.value, [])
-                if body not in bodies:
-                    bodies.append(body)
-
-    def _kind_of(self, node: NamedNode) -> Kind:
-        if self.world.kb.match(node, RDF.type, CORA.Robot):
-            return "robot"
-        is_place = self.world.kb.match(node, RDF.type, RT.SupportSurface)
-        return "place" if is_place else "robot"
+            if not (isinstance(quad.object, NamedNode) and isinstance(quad.subject, NamedNode)):
+                continue
+            kind: Kind = "robot" if quad.subject.value in all_robots else "place"
+            if kind == "place" and quad.subject.value not in all_places:
+                continue
+            bodies = self._bodies.setdefault(quad.object.value, [])
+            if (kind, quad.subject.value) not in bodies:
+                bodies.append((kind, quad.subject.value))
 
     def read_exemplars(self) -> None:
         """Read the things that have a place."""

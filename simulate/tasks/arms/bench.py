@@ -30,10 +30,9 @@ from simulate.world.camera import Lighting
 from simulate.world.eyes import Eyes
 from simulate.world.noise import SensorNoise
 from simulate.world.objects import ObjectSpec
-from simulate.world.places import box_message, surface_message
 from simulate.world.robot_body import RobotBody
 from simulate.world.scene import PlacedObject, Placement, lay
-from simulate.world.world import PlaceBox, World
+from simulate.world.world import PlaceBox, World, box_message, surface_message
 
 __all__ = ["OTHER_ROBOT", "Area", "Bench", "Layout", "Post", "Station"]
 

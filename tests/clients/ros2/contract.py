@@ -25,7 +25,7 @@ import time
 import traceback
 from pathlib import Path
 
-from tests.clients.ros2 import clauses, endings, grasping
+from tests.clients.ros2 import clauses, endings, grasping, images, surroundings
 from tests.clients.ros2.programs import ROOT, Program, Shell, own_python
 from tests.clients.ros2.registry import clauses_of
 from tests.clients.ros2.robot import Robot
@@ -33,7 +33,7 @@ from tests.clients.ros2.views import View
 
 CLOSING_S = 60.0
 RMEM_MAX = Path("/proc/sys/net/core/rmem_max")
-CLAUSES = clauses_of(clauses, grasping, endings)
+CLAUSES = clauses_of(clauses, images, grasping, surroundings, endings)
 NEEDED = {
     "rclpy": "source a ROS 2",
     "rtask_msgs.srv": "rtask ros messages ~/ws/src, colcon build, source install/setup.bash",

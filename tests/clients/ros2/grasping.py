@@ -37,42 +37,43 @@ HOW_STATES_END = {
 """What an arm does, and the words that then say why the motion was given up."""
 
 
-@clause("rtask/sample_grasp_poses gives the grasps of the object that is named, with costs")
-def _(shell):
+def sample(shell, name, namespace=NAMESPACE):
+    """Ask for the grasps of an object; return status, words and what was heard."""
     from rclpy.action import ActionClient
     from rtask_msgs.action import SampleGraspPoses
 
-    show(shell, 230.0)
-    status, result, _ = shell.robot.see_again(
-        header=since(230.0), gripper_id=shell.gripper, propose=True
-    )
-    assert status == SUCCEEDED, result.refused
     client = ActionClient(
-        shell.robot.node, SampleGraspPoses, f"{NAMESPACE}/rtask/sample_grasp_poses"
+        shell.robot.node, SampleGraspPoses, f"{namespace}/rtask/sample_grasp_poses"
     )
-    assert client.wait_for_server(timeout_sec=WAIT_S)
-
-    def sample(name):
+    try:
+        assert client.wait_for_server(timeout_sec=WAIT_S)
         heard = []
         goal = SampleGraspPoses.Goal(action_name=name)
         sent = client.send_goal_async(goal, lambda message: heard.append(message.feedback))
         handle = shell.robot.wait(sent, WAIT_S, "the goal")
         answer = shell.robot.wait(handle.get_result_async(), 90.0, "the result")
         return answer.status, answer.result.grasp_state, heard
-
-    try:
-        status, state, heard = sample("soap")
-        assert (status, bool(heard)) == (SUCCEEDED, True), state
-        poses, costs = heard[0].grasp_candidates, list(heard[0].costs)
-        assert len(poses) == len(costs) > 0
-        assert costs == sorted(costs)
-        assert all(0.0 <= cost <= 1.0 for cost in costs), costs
-        assert {pose.header.frame_id for pose in poses} == {"base_footprint"}
-        status, refused, heard = sample("a piano")
-        assert (status, heard) == (ABORTED, []), refused
-        assert "a piano" in refused
     finally:
         client.destroy()
+
+
+@clause("rtask/sample_grasp_poses gives the grasps of the object that is named, with costs")
+def _(shell):
+    show(shell, 230.0)
+    status, result, _ = shell.robot.see_again(
+        header=since(230.0), gripper_id=shell.gripper, propose=True
+    )
+    assert status == SUCCEEDED, result.refused
+    status, state, heard = sample(shell, "soap")
+    assert (status, bool(heard)) == (SUCCEEDED, True), state
+    poses, costs = heard[0].grasp_candidates, list(heard[0].costs)
+    assert len(poses) == len(costs) > 0
+    assert costs == sorted(costs)
+    assert all(0.0 <= cost <= 1.0 for cost in costs), costs
+    assert {pose.header.frame_id for pose in poses} == {"base_footprint"}
+    status, refused, heard = sample(shell, "a piano")
+    assert (status, heard) == (ABORTED, []), refused
+    assert "a piano" in refused
     return state
 
 

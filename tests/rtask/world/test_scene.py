@@ -73,6 +73,14 @@ def test_what_cannot_be_drawn_is_named_with_the_reason(lab: Lab, scene: Scene) -
             lab.kb.world.scene(lab.noon, name)
 
 
+def test_the_frame_of_a_product_is_no_place_of_a_robot(lab: Lab) -> None:
+    lab.kb.update(f"""{PREFIXES} INSERT DATA {{ GRAPH <{BASE}graph/shared> {{
+      <{lab.cup}> rt:bodyFrame <{BASE}frame/object-1> . <{BASE}frame/object-1> a rt:Frame }} }}""")
+    scene = lab.kb.world.scene(lab.noon)
+    assert [node.label for node in scene.nodes if node.kind == "robot"] == ["nao-1"]
+    assert f"{BASE}frame/object-1" not in dict(scene.other_roots)
+
+
 def test_frames_in_a_ring_are_named_and_not_drawn(lab: Lab) -> None:
     lab.kb.update(f"""{PREFIXES} INSERT DATA {{ GRAPH <{BASE}graph/shared> {{
       <{lab.map}> rt:parentFrame <{lab.table}> ; rt:poseInParent <{lab.map}/p> .

@@ -127,7 +127,7 @@ def test_a_table_does_not_walk_along_and_a_second_registration_changes_nothing(
     engine.call("register_robot", given)
     assert engine.call("register_robot", given).as_json()["commit"] == ""
     places.stand(places.frame(), places.map, 3.0, 0.0, 50)
-    frame = f"{places.left_box.replace('left%20box', 'table')}/frame/surface"
+    frame = places.left_box.replace("place/left%20box", "frame/table")
     rooted = places.kb.world.frames.rooted(frame, places.noon + 60)
     assert rooted.root == places.map
     assert rooted.poses[-1][:2, 3] == pytest.approx((1.4, 0.0))

@@ -22,7 +22,7 @@ TRIED = {
         (MET, "meets carton-7, which its graph does not know"),
         (
             {**MET, "recognised": "urn:o:1", "label": "carton-7", "confidence": 0.97},
-            "knows carton-7 (97 % sure)",
+            "recognises carton-7 (97 % sure)",
         ),
         (
             {**MET, "recognised": "urn:o:2", "label": "carton-9", "confidence": 0.8},

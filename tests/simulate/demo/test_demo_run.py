@@ -98,6 +98,19 @@ def test_the_second_robot_recognises_what_the_first_one_stored(finished: Any) ->
 
 
 @pytest.mark.deep
+def test_every_product_that_was_met_has_its_name_kind_and_colour(finished: Any) -> None:
+    folder, result = finished
+    met = {one["product"] for one in result["objects"] if one["object_iri"]} - {""}
+    with rtask.open(folder / "store", mode="r") as kb:
+        rows = kb.select(
+            """PREFIX rt: <https://w3id.org/rtask-kg/ns#>
+            SELECT DISTINCT ?name { ?object rt:name ?name ; rt:hasColour ?colour ; a ?kind .
+              ?kind rdfs:subClassOf rt:ManipulableObject FILTER(?kind != rt:ManipulableObject) }"""
+        ).to_dicts()
+    assert met <= {str(row["name"]) for row in rows}
+
+
+@pytest.mark.deep
 def test_questions_about_what_happened_are_answered_on_its_store(finished: Any) -> None:
     folder, result = finished
     with rtask.open(folder / "store", mode="r") as kb:

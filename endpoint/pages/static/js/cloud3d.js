@@ -1,12 +1,16 @@
 // A cloud with grippers in 3D, by three.js. Draws only when something changes.
 
-import { solidHand } from "./solid_hand.js";
+import { solidHand, splatsOf } from "./solid_hand.js";
 
 const UP = [0, 0, 1];
 const PICK_PX = 24;
 const FIELD_DEG = 40;
 const LIGHT = [0.36, -0.48, 0.8];
 const SEEN_M = 0.13; // at least so much is seen: a hand is larger than many things
+const FAINT = 0.15; // opacity of the hands that are not selected
+const FAINT_SPLAT = 0.02; // where many lie on each other
+const BOTH_SIDES = 2; // the library's DoubleSide
+const PICKED = 12; // places along each line of a hand at which it can be picked
 const SPLAT = 1 / Math.tan((FIELD_DEG * Math.PI) / 360); // the library's size of points leaves the field of view out
 
 /** Colours of corners under a light from above and the front, so that a shape shows without its print. */
@@ -24,6 +28,21 @@ function shaded({ positions, faces }, colours) {
     const towards = (LIGHT[0] * x + LIGHT[1] * y + LIGHT[2] * z) / (Math.hypot(x, y, z) || 1);
     return value * (0.6 + 0.4 * towards);
   });
+}
+
+/** Return places along a line, m. */
+function placesOn(line) {
+  return Array.from({ length: PICKED }, (_, number) => {
+    const share = number / (PICKED - 1);
+    return [0, 1, 2].map((axis) => (1 - share) * line[axis] + share * line[axis + 3]);
+  });
+}
+
+/** Return the lowest and the highest corner, m, round a cloud and the lines of grippers. */
+function roundAll(cloud, lines) {
+  const ends = lines.flatMap((line) => [line.slice(0, 3), line.slice(3)]);
+  return [[Math.min, cloud.low], [Math.max, cloud.high]].map(([most, corner]) =>
+    corner.map((value, axis) => most(value, ...ends.map((end) => end[axis]))));
 }
 
 /**
@@ -87,31 +106,40 @@ export function cloudIn3D(three, place, onPick) {
     redraw();
   }
 
-  function lookAt(cloud, camera_) {
-    const middle = cloud.high.map((value, axis) => (value + cloud.low[axis]) / 2);
-    const size = Math.max(SEEN_M, Math.hypot(...cloud.high.map((value, axis) => value - cloud.low[axis])));
+  function lookAt(cloud, camera_, grasps) {
+    const [low, high] = roundAll(cloud, grasps.flatMap((grasp) => grasp.lines));
+    const middle = high.map((value, axis) => (value + low[axis]) / 2);
+    const size = Math.max(SEEN_M, Math.hypot(...high.map((value, axis) => value - low[axis])));
     controls.target.set(...middle);
     if (camera_?.length === 3) camera.position.set(...camera_);
-    else camera.position.set(middle[0] + size, middle[1] - 1.3 * size, middle[2] + 1.1 * size);
+    else camera.position.set(middle[0] + 0.7 * size, middle[1] - 0.9 * size, middle[2] + 0.75 * size);
     controls.update();
     redraw();
   }
 
+  /** A hand as a surface; as splats with a bundle made before surfaces were drawn. */
+  function bodyOf(solid, look) {
+    const { places, colours, size } = three.Mesh ? solid : splatsOf(solid);
+    const geometry = new three.BufferGeometry();
+    geometry.setAttribute("position", new three.Float32BufferAttribute(places, 3));
+    geometry.setAttribute("color", new three.Float32BufferAttribute(colours.map((value) => value ** 2.2), 3));
+    return three.Mesh
+      ? new three.Mesh(geometry, new three.MeshBasicMaterial({ side: BOTH_SIDES, ...look }))
+      : new three.Points(geometry, new three.PointsMaterial({ size: SPLAT * size, ...look }));
+  }
+
+  /** Show the selected gripper, else the first, and the others as shadows of themselves. */
   function showGrippers(grasps, selected) {
     for (const old of [...grippers.children]) {
       grippers.remove(old);
       old.geometry.dispose();
     }
+    const solid = selected >= 0 ? selected : grasps.findIndex((grasp) => grasp.lines.length);
     grasps.forEach((grasp, index) => {
       if (!grasp.lines.length) return;
-      const { places, colours, size } = solidHand(grasp, index === selected);
-      const geometry = new three.BufferGeometry();
-      geometry.setAttribute("position", new three.Float32BufferAttribute(places, 3));
-      geometry.setAttribute("color", new three.Float32BufferAttribute(colours.map((value) => value ** 2.2), 3));
-      const isFaint = selected >= 0 && index !== selected;
-      const look = isFaint ? { transparent: true, opacity: 0.12, depthWrite: false } : {};
-      const hand = new three.Points(geometry, new three.PointsMaterial({ size: SPLAT * size, vertexColors: true, ...look }));
-      hand.userData.index = index;
+      const look = { vertexColors: true, ...(index === solid ? {} : { transparent: true, opacity: three.Mesh ? FAINT : FAINT_SPLAT, depthWrite: false }) };
+      const hand = bodyOf(solidHand(grasp, index === selected), look);
+      hand.userData = { index, places: grasp.lines.flatMap(placesOn) };
       grippers.add(hand);
     });
     redraw();
@@ -122,9 +150,8 @@ export function cloudIn3D(three, place, onPick) {
     const box = renderer.domElement.getBoundingClientRect();
     let best = [PICK_PX, -1];
     for (const hand of grippers.children) {
-      const places = hand.geometry.getAttribute("position");
-      for (let i = 0; i < places.count; i += 1) {
-        const at = new three.Vector3().fromBufferAttribute(places, i).project(camera);
+      for (const place_ of hand.userData.places) {
+        const at = new three.Vector3(...place_).project(camera);
         const x = box.left + ((at.x + 1) / 2) * box.width;
         const y = box.top + ((1 - at.y) / 2) * box.height;
         const distance = Math.hypot(x - event.clientX, y - event.clientY);

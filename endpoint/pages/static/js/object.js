@@ -91,7 +91,7 @@ async function show(keepCamera) {
     : `${cloud.count.toLocaleString("en")} points`;
   note.textContent = `${parts}${extents}. ${place.dataset.kind}`;
   colour();
-  if (!keepCamera) view.lookAt(cloud, state.get("camera")?.split(",").map(Number));
+  if (!keepCamera) view.lookAt(cloud, state.get("camera")?.split(",").map(Number), grasps);
   view.showGrippers(grasps, selected);
 }
 

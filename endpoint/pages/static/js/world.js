@@ -7,7 +7,9 @@ import { SpaceView } from "./space.js";
 const AXIS_M = 0.12;
 const DOT_M = 0.03; // of a thing whose size nobody knows
 const ROBOT_M = 0.08;
+const REACH_M = 0.4; // of a robot, to either side: so much round it is shown
 const RIM_M = 0.05;
+const ABOVE_M = 0.08; // of the names of what lies in a place, above that of the place
 const PROBABLE = 0.5;
 const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
 const RELATIONS = { on: "on", in: "in", held_by: "held by", at: "" };
@@ -110,6 +112,7 @@ function at(pose, point) {
 function shapesOf(scene) {
   const things = [];
   const points = [];
+  const within = new Map(); // what lies in or on one place, by its pose
   for (const [number, node] of scene.nodes.entries()) {
     const origin = at(node.pose, [0, 0, 0]);
     points.push(origin);
@@ -122,6 +125,7 @@ function shapesOf(scene) {
     } else if (node.kind === "robot") {
       things.push({ kind: "ball", at: at(node.pose, [0, 0, ROBOT_M]), radius: ROBOT_M, look: "robot" });
       things.push({ kind: "label", at: at(node.pose, [0, 0, 2 * ROBOT_M]), text: node.label });
+      for (const side of [-REACH_M, REACH_M]) points.push(at(node.pose, [side, side, 0]));
     } else if (node.kind === "place") {
       if (node.size) {
         const corners = boxOf(node);
@@ -130,6 +134,10 @@ function shapesOf(scene) {
         for (const [a, b] of EDGES) if (node.size[2] || (a % 2 === 0 && b % 2 === 0)) things.push({ kind: "line", points: [corners[a], corners[b]], look: "place" });
       }
       things.push({ kind: "label", at: at(node.pose, [node.size ? node.size[0] / 2 : 0, 0, 0]), text: node.label, look: "place" });
+    } else if (node.kind === "thing" && node.poseOf === "place") {
+      const where = JSON.stringify(node.pose);
+      if (!within.has(where)) within.set(where, { node, names: [] });
+      within.get(where).names.push(node.label);
     } else if (node.kind === "thing") {
       const look = node.stillThere >= PROBABLE ? "thing" : "thing faint";
       const top = node.size ? [0, 0, node.size[2]] : [0, 0, DOT_M];
@@ -140,6 +148,10 @@ function shapesOf(scene) {
       } else things.push({ kind: "ball", at: at(node.pose, [0, 0, DOT_M / 2]), radius: DOT_M / 2, look });
       things.push({ kind: "label", at: at(node.pose, top), text: node.label, look });
     }
+  }
+  for (const { node, names } of within.values()) {
+    things.push({ kind: "ball", at: at(node.pose, [0, 0, DOT_M / 2]), radius: DOT_M / 2, look: "thing" });
+    things.push({ kind: "label", at: at(node.pose, [0, 0, ABOVE_M]), text: names.join(", "), look: "thing" });
   }
   return { things, points };
 }

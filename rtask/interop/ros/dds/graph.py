@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rtask.errors import RtaskError
-from rtask.interop.ros.changes import Commit, change_message
+from rtask.interop.ros.changes import Follow, change_message, commits_of
 from rtask.interop.ros.clouds import packed_cloud
 from rtask.interop.ros.dds.node import DdsNode
 from rtask.interop.ros.operations import Caller, OperationHandler, best_grasp
@@ -18,6 +18,7 @@ __all__ = ["ChangeFeed", "GraphServices"]
 
 log = logging.getLogger(__name__)
 
+_PAUSE_S = 1.0
 _GRASP = "moveit_msgs/msg/Grasp"
 
 
@@ -60,12 +61,11 @@ class ChangeFeed:
     follow
         Returns the commits from now on, over as many connections as it takes.
     ended
-        Set when following failed; the reason is in ``failure``.
+        Set when the server refused, which ends it; the reason is in ``failure``. A server that is
+        away ends nothing.
     """
 
-    def __init__(
-        self, node: DdsNode, follow: Callable[[], Iterator[Commit]], ended: threading.Event
-    ) -> None:
+    def __init__(self, node: DdsNode, follow: Follow, ended: threading.Event) -> None:
         self._topic = node.publisher("rtask/changes", f"{PACKAGE}/msg/Change")
         self._make, self._follow, self._ended = node.types.make, follow, ended
         self.failure: RtaskError | None = None
@@ -73,7 +73,7 @@ class ChangeFeed:
 
     def _run(self) -> None:
         try:
-            for commit in self._follow():
+            for commit in commits_of(self._follow, lambda: not self._ended.wait(_PAUSE_S)):
                 if self._ended.is_set():
                     return
                 self._topic.publish(change_message(commit, self._make))

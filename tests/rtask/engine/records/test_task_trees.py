@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 import ontology
@@ -154,3 +156,26 @@ def test_the_tasks_of_a_part_that_is_split_off_go_with_it(bench, engine, robots)
     parts = {q.object for q in engine.kb.match(whole, RT.hasSubTask)}
     assert placing.subject not in parts
     assert len(parts) == 1
+
+
+def test_what_lies_in_a_box_is_drawn_where_the_robot_said_that_the_box_stands(kb, robots, bench):
+    one, two = robots("nao-1"), robots("nao-2")
+    one.call(
+        "state_frame", frame="nao-1/left box", parent="nao-1/base_footprint",
+        pose={"position": {"x": 0.15, "y": 0.29, "z": 0.27},
+              "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}},
+    )  # fmt: skip
+    for robot in (one, two):
+        stored = robot.insert(bench.sight(bench.BOX), name="tea")["objects"][0]
+        answer = robot.recognise(bench.sight(bench.BOX))
+        robot.call(
+            "report_outcome", object=stored["object"], task_id=answer["task_id"],
+            grasp=dict(answer["grasps"][0]), gripper_id=robot.gripper,
+            outcome=bench.held(place="left box"),
+        )  # fmt: skip
+    scene = kb.world.scene(time.time() + 1.0, "nao-1/base_footprint")
+    ((number, tea),) = [(k, n) for k, n in enumerate(scene.nodes) if n.kind == "thing"]
+    assert tea.label == "tea"
+    assert scene.root_from_nodes()[number][:3, 3].round(3).tolist() == [0.15, 0.29, 0.27]
+    # The other robot's box has the same name and stands nobody knows where.
+    assert [one.reason for one in scene.unplaced] == ["in left box, whose pose is not known"]

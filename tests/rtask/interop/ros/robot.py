@@ -144,7 +144,7 @@ class Robot:
             self.topics[topic].publish(one)
         return None
 
-    def segment(self, stamp: float, tf_stamp: float) -> Any:
+    def segment(self, stamp: float, tf_stamp: float, node: str = "") -> Any:
         """Call the service that cuts the view; return its answer without the points."""
         self.tf.publish(tf2_msgs.msg.TFMessage([transform(tf_stamp)]))
         rospy.rostime.wallsleep(0.5)
@@ -153,7 +153,7 @@ class Robot:
         header.stamp, header.frame_id = rospy.Time.from_sec(stamp), frame.frame_id
         kind = class_of("rtask_msgs/SegmentCloud", "srv")
         cloud = cloud_message(frame.points(), frame.rgb, header)
-        found = rospy.ServiceProxy("/rtask/segment", kind)(cloud)
+        found = rospy.ServiceProxy(f"{node}/rtask/segment", kind)(cloud)
         sizes = [one.cloud.width for one in found.segments]
         poses = [mapping_of(one.pose)["position"] for one in found.segments]
         return {"status": found.status, "points": sizes, "positions": poses,
@@ -200,6 +200,35 @@ class Robot:
             "result": plain(result),
         }
 
+    def see_newer(self, goal: dict[str, Any], since: float, newer_since: float) -> Any:
+        """Send a goal, and another while it is under way; return the states of both."""
+        clients = []
+        for first in (since, newer_since):
+            client = actionlib.SimpleActionClient("/rtask/see", class_of("rtask_msgs/SeeAction"))
+            assert client.wait_for_server(rospy.Duration(WAIT_S))
+            message = filled(make_message("rtask_msgs/SeeGoal"), goal)
+            message.header.stamp = rospy.Time.from_sec(first)
+            client.send_goal(message)
+            clients.append(client)
+            for _ in range(int(WAIT_S * 20)):
+                if client.get_state() != actionlib.GoalStatus.PENDING:
+                    break
+                rospy.rostime.wallsleep(0.05)
+        assert all(client.wait_for_result(rospy.Duration(60)) for client in clients)
+        return [client.get_state() for client in clients]
+
+    def place(self, link: str, position: list[float]) -> Any:
+        """Publish where a link of the robot is, for all times; what was placed before stays."""
+        made = TransformStamped(child_frame_id=link)
+        made.header.frame_id, made.transform.rotation.w = "base_footprint", 1.0
+        where = made.transform.translation
+        where.x, where.y, where.z = position
+        if "static" not in self.topics:
+            kind = tf2_msgs.msg.TFMessage
+            self.topics["static"] = rospy.Publisher("/tf_static", kind, queue_size=1, latch=True)
+        self.topics["static"].publish(tf2_msgs.msg.TFMessage([made]))
+        return None
+
     def move_group(self, scene: dict[str, Any]) -> Any:
         """Offer a planning scene, as MoveIt does; an empty one ends the offer."""
         if "moveit" in self.topics:
@@ -211,9 +240,9 @@ class Robot:
             self.topics["moveit"] = rospy.Service("/get_planning_scene", kind, lambda asked: answer)
         return None
 
-    def sample(self, name: str) -> Any:
+    def sample(self, name: str, node: str = "") -> Any:
         """Ask for grasps as a stage of the MoveIt Task Constructor does."""
-        action = "/rtask/sample_grasp_poses"
+        action = f"{node}/rtask/sample_grasp_poses"
         client = actionlib.SimpleActionClient(action, class_of("rtask_msgs/SampleGraspPosesAction"))
         assert client.wait_for_server(rospy.Duration(WAIT_S))
         told: list[Any] = []

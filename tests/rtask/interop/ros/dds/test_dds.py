@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import queue
 import threading
 from pathlib import Path
@@ -19,11 +18,10 @@ from rtask.errors import UsageError
 from rtask.interop.ros.dds.calling import read_header, with_header
 from rtask.interop.ros.dds.types import RosTypes, dds_name, full_type
 from tests.commands import run_command
-from tests.rtask.interop.ros.conftest import Child, running
-from tests.servers import running_server
+from tests.rtask.interop.ros.conftest import running
+from tests.rtask.interop.ros.dds.conftest import ADD, HAND, command
 
 STRING, CLOUD = "std_msgs/msg/String", "sensor_msgs/msg/PointCloud2"
-ADD = "example_interfaces/srv/AddTwoInts"
 # What real rclpy of Jazzy says of the same types and messages.
 HASHES = {
     STRING: "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
@@ -35,14 +33,6 @@ CLOUD_CDR = (
     "0001000001000000020000000400000063616d0001000000020000000100000002000000780000000000000007"
     "0000000100000000000000040000000800000008000000010203040506070801"
 )
-HAND = {"name": "h", "gripper_type": "t", "max_opening": 0.1, "max_payload": 1.0}
-
-
-@pytest.fixture(scope="module")
-def types():
-    made = RosTypes(engine_schema())
-    made.add_service(ADD, "int64 a\nint64 b\n---\nint64 sum\n")
-    return made
 
 
 @pytest.mark.parametrize("type_", HASHES)
@@ -51,7 +41,7 @@ def test_hashes_are_those_of_jazzy(types, type_):
 
 
 def test_hashes_of_the_package_are_those_that_the_tools_of_jazzy_made_of_the_same_definitions():
-    made = json.loads(Path(__file__).with_name("jazzy_hashes.json").read_text("utf-8"))
+    made = json.loads(Path(__file__).parents[1].joinpath("jazzy_hashes.json").read_text("utf-8"))
     types = RosTypes()
     add = {"msg": types.add_message, "srv": types.add_service, "action": types.add_action}
     for path, text in made["definitions"].items():
@@ -114,52 +104,6 @@ def test_names_of_types_are_those_of_dds():
     assert full_type("geometry_msgs/Pose") == "geometry_msgs/msg/Pose"
     with pytest.raises(UsageError, match="no type of ROS 2"):
         full_type("Pose")
-
-
-@pytest.fixture(scope="module")
-def network(tmp_path_factory):
-    """Environment and domain of processes that meet on the loopback interface only."""
-    pytest.importorskip("cyclonedds")
-    file = tmp_path_factory.mktemp("dds") / "loopback.xml"
-    file.write_text(
-        '<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="lo"/></Interfaces>'
-        "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto"
-        "</ParticipantIndex><MaxAutoParticipantIndex>30</MaxAutoParticipantIndex>"
-        '<Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>'
-    )
-    before = os.environ.get("CYCLONEDDS_URI")
-    os.environ["CYCLONEDDS_URI"] = file.as_uri()
-    # Ports of a domain start at 7400 + 250 times its number; beyond 100 the system lends them out.
-    yield str(1 + os.getpid() % 100)
-    if before is None:
-        del os.environ["CYCLONEDDS_URI"]
-    else:
-        os.environ["CYCLONEDDS_URI"] = before
-
-
-def command(*arguments):
-    return Child("ros2", *arguments, environment=os.environ)
-
-
-@pytest.fixture(scope="module")
-def served(network):
-    """A server, and a node of ROS 2 for it in a process of its own."""
-    with running_server(None) as server:
-        child = command(
-            "dds", "serve", "--server", server.url, "--domain", network, "--namespace", "/nao1"
-        )
-        with running(child):
-            child.expect("ready /nao1/rtask_node")
-            yield server
-
-
-@pytest.fixture(scope="module")
-def robot(network, types):
-    """A node of a robot, in this process."""
-    from rtask.interop.ros.dds.node import DdsNode
-
-    with DdsNode("robot", types, "/nao1", int(network)) as made:
-        yield made
 
 
 @pytest.mark.slow
