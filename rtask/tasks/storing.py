@@ -39,12 +39,15 @@ class Order:
         IRI of an earlier plan for the same goal.
     prices
         Of asking a person and of failing; None = nobody is asked.
+    allows_part
+        Whether the steps for what can be reached are to be done where the rest is out of reach.
     """
 
     priority: int = 0
     deadline: dt.datetime | None = None
     replaces: str = ""
     prices: Prices | None = None
+    allows_part: bool = False
 
     def late_s(self, duration_s: float, now: dt.datetime) -> float:
         """Return by how much what begins now is expected to end after the deadline, s.
@@ -82,20 +85,22 @@ def store_plan(
     Raises
     ------
     UsageError
-        There is no plan, or it has no step.
+        There is no plan, it has no step, or a part of the goal is out of reach and no part is
+        allowed.
     ForbiddenError
         The agent may not write; nothing is stored.
     """
-    if plan.refusals:
+    order = order or Order()
+    if plan.refusals and not order.allows_part:
         raise UsageError(
             f"only a plan for the whole goal can be stored; not possible: {plan.refusals[0].goal}. "
-            "Ask for the rest alone"
+            "Allow a part (--partly), or ask for the rest alone"
         )
-    if not plan.is_complete or not plan.steps:
+    if not plan.refusals and not (plan.is_complete and plan.steps):
         raise UsageError("only a plan that has steps can be stored")
     root = NamedNode(mint(kb.base, "TaskPlan"))
     with kb.transaction(agent, note=f"plan: {plan.goal[:200]}", access=access) as tx:
-        for statement in _statements(kb, plan, root, order or Order()):
+        for statement in _statements(kb, plan, root, order):
             tx.add(*statement)
     return root.value, tx.commit
 
@@ -117,6 +122,10 @@ def _statements(
     if order.prices is not None:
         yield root, RT.askingPrice, float(order.prices.asking)
         yield root, RT.failingPrice, float(order.prices.failing)
+    if order.allows_part:
+        yield root, RT.allowsPart, True
+    for refusal in plan.refusals:
+        yield root, RT.openGoal, f"{refusal.goal}: {refusal.text}"
     for text in plan.assumptions:
         yield root, RT.planAssumption, text
     for robot in sorted({robot for step in plan.steps for robot in step.robots}):

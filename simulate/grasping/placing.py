@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -44,6 +44,7 @@ _HIGHEST_M = 0.08
 _TOP_SHARE = 0.95
 """Share of the occupied cells of a box below what counts as their height: stray ones do not."""
 _IK = IkOptions(angle_tolerance=0.6, position_tolerance=0.004)
+_TURNED_IK = IkOptions(angle_tolerance=0.2, position_tolerance=0.004)
 _PURPOSE = 2
 
 _CARRYING: Mapping[tuple[str, str], float] = {
@@ -84,11 +85,23 @@ class PlaceSpot:
     filled: float = 0.0
     walled: bool = True
     """Whether walls around it keep the way home clear of what is put there."""
+    closings: tuple[tuple[float, ...], ...] = ()
+    """Closing directions about the vertical, rad, base frame, to try first at each of the centres:
+    so turned, others get their hands around what is put there. None: any will do."""
 
     @property
     def grounds(self) -> tuple[float, ...]:
         """Heights over which the object may be let go, m, base frame, best first."""
         return (self.floor + self.filled, self.floor) if self.filled else (self.floor,)
+
+    @property
+    def turned(self) -> Iterator[tuple[tuple[float, float], Floats | None]]:
+        """Yield each place with the closing directions (3,) to try there; None for any."""
+        closings = self.closings or ((),) * len(self.centres)
+        for centre, angles in zip(self.centres, closings, strict=True):
+            for angle in angles:
+                yield centre, np.array([np.cos(angle), np.sin(angle), 0.0])
+        yield from ((centre, None) for centre in self.centres)
 
     @classmethod
     def on_table(cls, x: float, y: float, floor: float) -> PlaceSpot:
@@ -205,10 +218,11 @@ def plan_place(
     if loaded.clearances(rise[-1:], around, slack)[0] < -_LOAD_TOLERANCE:
         return "place_plan"
     for ground, (release, above) in product(spot.grounds, spot.descents):
-        for x, y in spot.centres:
+        for (x, y), closing in spot.turned:
             height = ground + tool_over_bottom + release
-            goal = Goal(np.array([x, y, height]), None, approach, chain.orients_freely)
-            postures = solve_ik(chain, goal, rng, _IK, warm=start[None])
+            goal = Goal(np.array([x, y, height]), closing, approach, chain.orients_freely)
+            options = _IK if closing is None else _TURNED_IK
+            postures = solve_ik(chain, goal, rng, options, warm=start[None])
             for posture in _most_upright(chain, postures, upright, start):
                 line = follow_line(chain, posture, np.array([0.0, 0.0, above]), tolerance=0.006)
                 if line is None or (loaded.clearances(line, around, slack) < 0).any():

@@ -12,6 +12,7 @@ from rtask.errors import ConflictError, RtaskError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.executor import Executor, Graph, Turn
 from simulate.tasks.questions import MAX_REPAIRS
+from simulate.tasks.rearranging import Rearranging
 
 __all__ = ["Crew", "Ended"]
 
@@ -27,7 +28,8 @@ class Ended:
     goal
         In words.
     result
-        reached, declined (a person said no), or given_up.
+        reached, declined (a person said no), partly (what could be reached is, and the rest is left
+        open), or given_up.
     repairs
         How often it was planned again.
     comment
@@ -96,6 +98,8 @@ class Crew:
         turn = self.robots[robot].turn()
         if turn.result != "idle":
             self.tell(robot, turn)
+        if turn.result == "done":
+            self._rearranging.note_done()
         return turn
 
     def _is_asking(self) -> bool:
@@ -108,7 +112,9 @@ class Crew:
         goes_on = False
         plans = self.planner.call("list_plans", state="all")["plans"]
         for plan in plans:
-            if plan["state"] == "done":
+            if plan["task"] in self._rearranging.helping:
+                self._end_help(plan, stuck)
+            elif plan["state"] == "done":
                 self._close(plan, "reached")
             elif plan["state"] == "declined":
                 self._close(plan, "declined", _comment(plan))
@@ -116,6 +122,8 @@ class Crew:
             elif plan["state"] == "late":
                 self._close(plan, "given_up", "its deadline is over")
                 self._cancel(plan, "its deadline is over")
+            elif plan["state"] == "blocked":
+                goes_on |= self._resume(plan)
             elif plan["state"] == "failed" or plan["task"] in stuck:
                 began = time.process_time()
                 goes_on |= self._repair(plan)
@@ -131,28 +139,54 @@ class Crew:
     def __post_init__(self) -> None:
         self._closed: set[str] = set()
 
+        def store(**fields: Any) -> Any:
+            return self.planner.call("store_plan", agent=self.agent, **fields)
+
+        self._rearranging = Rearranging(self.planner, store)
+
+    def _end_help(self, plan: Mapping[str, Any], stuck: set[str]) -> None:
+        """End a plan that was only to move a thing for another one, and did not."""
+        if plan["state"] in ("failed", "declined", "late") or plan["task"] in stuck:
+            self._cancel(plan, "the thing could not be moved")
+
     def _cancel(self, plan: Mapping[str, Any], reason: str) -> None:
         self.planner.call("cancel_plan", plan=plan["task"], reason=reason[:1000])
 
     def _repair(self, plan: Mapping[str, Any]) -> bool:
         """Plan the goal again from the graph as it is; return whether there is more to do."""
+        self._look_for(plan)
+        if self._rearranging.move(plan):
+            return True
         goal = plan["goal"]
         self._repairs[goal] += 1
         if self._repairs[goal] > MAX_REPAIRS:
             return self._give_up(plan, f"it was planned again {MAX_REPAIRS} times")
-        self._look_for(plan)
+        hopeless = self._rearranging.hopeless(plan)
+        return self._give_up(plan, hopeless) if hopeless else self._plan_again(plan)
+
+    def _resume(self, plan: Mapping[str, Any]) -> bool:
+        """Plan what was left open if it is within reach now; return whether there is more to do."""
+        again = self.planner.call("plan_goal", goal=plan["goal"])
+        if again["steps"] or again["complete"]:
+            return self._plan_again(plan)
+        self._close(plan, "partly", "; ".join(plan["open_goals"]))
+        return False
+
+    def _plan_again(self, plan: Mapping[str, Any]) -> bool:
         try:
-            again = self.planner.call("plan_goal", goal=goal)
+            again = self.planner.call("plan_goal", goal=plan["goal"])
             if again["complete"] and not again["steps"]:
                 self._close(plan, "reached")
                 self._cancel(plan, "the goal holds already")
                 return False
-            if not again["complete"]:
+            may_be_part = plan["allows_part"] and again["refusals"]
+            if not again["complete"] and not may_be_part:
                 return self._give_up(plan, _refused(again))
             self.planner.call(
-                "store_plan", goal=goal, digest=again["digest"], replaces=plan["task"],
+                "store_plan", goal=plan["goal"], digest=again["digest"], replaces=plan["task"],
                 priority=plan["priority"], deadline=plan["deadline"], agent=self.agent,
                 asking_price=plan["asking_price"], failing_price=plan["failing_price"],
+                allow_part=plan["allows_part"],
             )  # fmt: skip
         except RtaskError as error:
             if error.answer_status == ConflictError.status:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from rtask.errors import ConflictError, RtaskError
+from rtask.errors import ConflictError, RemoteUnavailableError, RtaskError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.tasks.queue.asking import PATIENCE_S
 from simulate.tasks.actions import TaskAction, available_actions
@@ -88,9 +88,15 @@ class Executor:
         self.graph, self.body, self.robot, self._may = graph, body, robot, may
         self.actions = available_actions() if actions is None else actions
         self._patience_s = patience_s
+        self._acted: tuple[Mapping[str, Any], TaskAction, Reply, Deed] | None = None
 
     def turn(self) -> Turn:
-        """Carry out one step if there is one."""
+        """Carry out one step if there is one.
+
+        Where the graph was out of reach after the last one, what was done is said first.
+        """
+        if self._acted is not None:
+            return self._say(*self._acted)
         claim = self.graph.call("claim_step", lease=_LEASE_S, **self._who())
         if not claim["claimed"]:
             waits = claim["waiting"]
@@ -123,15 +129,30 @@ class Executor:
         return self._failed(claim, missing)
 
     def _act(self, claim: Mapping[str, Any], action: TaskAction, reply: Reply) -> Turn:
-        """Act and report; what a person helped with says nothing about the grasp alone."""
-        counts = action.is_grasp and reply.does != "try"
-        deed = action.carry_out(self.body, claim["arguments"])
-        reported = counts and self._report(claim, deed)
-        if not deed.success:
-            return self._failed(claim, deed.reason, reported=reported)
-        comment = reply.comment if reply.does == "try" else ""
-        place = action.target(claim["arguments"]) or None
-        return self._end(claim, "done", comment, place=place, reported=reported)
+        """Act and report."""
+        self._acted = claim, action, reply, action.carry_out(self.body, claim["arguments"])
+        return self._say(*self._acted)
+
+    def _say(self, claim: Mapping[str, Any], action: TaskAction, reply: Reply, deed: Deed) -> Turn:
+        """Tell the graph what was done, and forget it, unless the graph is out of reach."""
+        try:
+            turn = self._tell(claim, action, reply, deed)
+        except RemoteUnavailableError:
+            raise
+        except RtaskError:
+            self._acted = None
+            raise
+        self._acted = None
+        return turn
+
+    def _tell(self, claim: Mapping[str, Any], action: TaskAction, reply: Reply, deed: Deed) -> Turn:
+        """Report what was done; what a person helped with says nothing about the grasp alone."""
+        reported = action.is_grasp and reply.does != "try" and self._report(claim, deed)
+        if deed.success:
+            comment = reply.comment if reply.does == "try" else ""
+            place = action.target(claim["arguments"]) or None
+            return self._end(claim, "done", comment, place=place, reported=reported)
+        return self._failed(claim, deed.reason, reported=reported)
 
     def _asked(
         self, claim: Mapping[str, Any], question: Callable[[Mapping[str, Any]], dict[str, Any]]

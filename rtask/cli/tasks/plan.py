@@ -52,6 +52,10 @@ FAILING_HELP = "What a step that fails costs, in the unit of --asking-price."
 )
 @click.option("--store", is_flag=True, help="Store the plan as a tree of planned tasks.")
 @click.option(
+    "--partly", is_flag=True,
+    help="With --store: store what can be reached, and leave the rest open until it can.",
+)  # fmt: skip
+@click.option(
     "--priority", type=click.IntRange(-100, 100), default=0, show_default=True,
     help="With --store: plans with a greater one are begun first.",
 )  # fmt: skip
@@ -70,6 +74,7 @@ def plan(
     assume_reach: bool,
     because: bool,
     store: bool,
+    partly: bool,
     priority: int,
     deadline: str | None,
     asking_price: float | None,
@@ -95,10 +100,10 @@ def plan(
     if branch and store and server:
         raise UsageError("--store in a branch needs a folder; a server plans in a branch alone")
     prices = _prices(asking_price, failing_price)
-    if (priority or deadline or prices) and not store:
-        raise UsageError("--priority, --deadline and prices are for --store")
+    if (priority or deadline or prices or partly) and not store:
+        raise UsageError("--partly, --priority, --deadline and prices are for --store")
     due = None if deadline is None else moment(deadline)
-    order = Order(priority, due, prices=prices) if store else None
+    order = Order(priority, due, prices=prices, allows_part=partly) if store else None
     if server:
         result = _plan_there(goal, server, agent, order, form)
     else:
@@ -106,6 +111,8 @@ def plan(
     _show(result, form, because, assume_reach)
     if "task" in result:
         click.echo(f"stored as {result['task']}", err=True)
+        if result["refusals"]:
+            click.echo("What is not possible is left open, and planned again later.", err=True)
         if result["late_s"]:
             click.echo(
                 f"Warning: begun now, it is expected to end {result['late_s']:.0f} s after its "
@@ -134,11 +141,16 @@ def _plan_here(
     with _opened(data, goal["branch"], order is not None) as kb:
         plan = kb.tasks.plan(goal["goal"], assume_reach=goal["assume_reach"])
         answer = answer_of(plan, pddl=form == "pddl", tree=form == "tree").as_json()
-        if order and plan.steps:
+        if order and (plan.steps or _leaves_open(order, answer)):
             task = kb.tasks.store(plan, agent, order)
             late_s = order.late_s(plan.duration_s, dt.datetime.now(dt.UTC))
             answer |= {"task": task, "commit": str(kb.seq), "late_s": round(late_s, 3)}
     return answer
+
+
+def _leaves_open(order: Order, answer: dict[str, Any]) -> bool:
+    """Whether goals that are out of reach are to be stored."""
+    return order.allows_part and bool(answer["refusals"])
 
 
 def _opened(
@@ -156,7 +168,7 @@ def _plan_there(
     with connection(Path(), server) as client:
         forms = {"pddl": form == "pddl", "behaviour_tree": form == "tree"}
         answer = dict(client.call("plan_goal", **goal, **forms))
-        if order and answer["steps"]:
+        if order and (answer["steps"] or _leaves_open(order, answer)):
             due = None if order.deadline is None else order.deadline.timestamp()
             stored = client.call(
                 "store_plan", goal=goal["goal"], assume_reach=goal["assume_reach"],
@@ -164,6 +176,7 @@ def _plan_there(
                 priority=order.priority, deadline=due,
                 asking_price=order.prices and order.prices.asking,
                 failing_price=order.prices and order.prices.failing,
+                allow_part=order.allows_part,
             )  # fmt: skip
             answer |= {name: stored[name] for name in ("task", "commit", "late_s")}
     return answer

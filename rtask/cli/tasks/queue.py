@@ -71,4 +71,5 @@ def _in_words(plan: Mapping[str, Any]) -> str:
     for step in plan["steps"]:
         lines.append(f"{step['step']:5}. {step['text']}  ({step['state']})")
         lines += [f"         {words}" for words in (step["why"], step["comment"]) if words]
+    lines += [f"       left open: {text}" for text in plan["open_goals"]]
     return "\n".join(lines)

@@ -1417,11 +1417,15 @@ class JointTrajectory(InformationEntity):
     ----------
     has_waypoint
         A point of the trajectory; the times order them.
+    of_robot_model
+        Make and version of the robot whose joints a recorded movement has; it stays when the
+        robot gets another body.
     """
 
     __iri__: ClassVar[str] = _RT + "JointTrajectory"
 
     has_waypoint: Links[JointWaypoint] = Links(_RT + "hasWaypoint", _RT + "JointWaypoint")
+    of_robot_model: Links[RobotModel] = Links(_RT + "ofRobotModel", _RT + "RobotModel")
 
 
 class JointValue(InformationEntity):
@@ -3408,6 +3412,9 @@ class TaskPlan(Task):
 
     Attributes
     ----------
+    allows_part
+        Whether what is possible of the goal is to be done where the rest is out of reach;
+        without it, all or nothing.
     asking_price
         What a question to a person about a step of the plan costs, in any unit that
         rt:failingPrice has, too. [UNITLESS]
@@ -3418,6 +3425,9 @@ class TaskPlan(Task):
         [UNITLESS]
     goal_text
         The goal in the words of whoever stated it.
+    open_goal
+        A part of the goal that was out of reach when the plan was made, and what hindered it,
+        in words. It is planned again once the rest is done.
     plan_assumption
         A statement that the plan needs and that nobody has made, in words.
     replaces_plan
@@ -3431,10 +3441,12 @@ class TaskPlan(Task):
 
     __iri__: ClassVar[str] = _RT + "TaskPlan"
 
+    allows_part: Many[bool] = Many(_RT + "allowsPart", _XSD + "boolean")
     asking_price: One[float] = One(_RT + "askingPrice", _XSD + "double", unit="UNITLESS")
     cancel_reason: Many[str] = Many(_RT + "cancelReason", _XSD + "string")
     failing_price: One[float] = One(_RT + "failingPrice", _XSD + "double", unit="UNITLESS")
     goal_text: Many[str] = Many(_RT + "goalText", _XSD + "string")
+    open_goal: Many[str] = Many(_RT + "openGoal", _XSD + "string")
     plan_assumption: Many[str] = Many(_RT + "planAssumption", _XSD + "string")
     replaces_plan: Links[TaskPlan] = Links(_RT + "replacesPlan", _RT + "TaskPlan")
     task_deadline: Many[datetime.datetime] = Many(_RT + "taskDeadline", _XSD + "dateTime")

@@ -27,6 +27,7 @@ MAX_LEASE_S = 3600.0
 
 _PLANS = f"""{PREFIXES}
 SELECT ?plan ?graph ?goal ?made ?priority ?deadline ?cancelled ?reason ?replaced ?asking ?failing
+  ?part
 WHERE {{
   GRAPH ?graph {{ ?plan a rt:TaskPlan ; rt:goalText ?goal }}
   OPTIONAL {{ ?plan prov:generatedAtTime ?made }}
@@ -36,7 +37,10 @@ WHERE {{
   OPTIONAL {{ ?plan rt:cancelReason ?reason }}
   OPTIONAL {{ ?replaced rt:replacesPlan ?plan }}
   OPTIONAL {{ ?plan rt:askingPrice ?asking ; rt:failingPrice ?failing }}
+  OPTIONAL {{ ?plan rt:allowsPart ?part }}
 }}"""
+_OPEN = f"""{PREFIXES}
+SELECT DISTINCT ?plan ?open WHERE {{ ?plan a rt:TaskPlan ; rt:openGoal ?open }} ORDER BY ?open"""
 _STEPS = f"""{PREFIXES}
 SELECT ?plan ?step ?number ?action ?values ?text ?robot ?thing ?before ?duration ?chance WHERE {{
   ?plan a rt:TaskPlan ; rt:hasSubTask ?step .
@@ -191,6 +195,10 @@ class QueuedPlan:
         In order.
     prices
         Of asking and of failing; None where nobody is to be asked.
+    open_goals
+        What of the goal was out of reach when the plan was made, and why, in words.
+    allows_part
+        Whether the rest of the goal is to be done even so.
     """
 
     task: str
@@ -203,21 +211,28 @@ class QueuedPlan:
     is_replaced: bool
     steps: tuple[QueuedStep, ...]
     prices: Prices | None = None
+    open_goals: tuple[str, ...] = ()
+    allows_part: bool = False
 
     def state(self, now: dt.datetime) -> str:
-        """Return cancelled, replaced, done, declined, failed, late, running or waiting."""
+        """Return cancelled, replaced, done, blocked, declined, failed, late, running or waiting.
+
+        Blocked: all steps are done, and a part of the goal was out of reach.
+        """
         if self.cancelled is not None:
             return "cancelled"
         if self.is_replaced:
             return "replaced"
         states = {step.state(now) for step in self.steps}
-        if states <= {"done"}:
+        if states <= {"done"} and not self.open_goals:
             return "done"
         for bad in ("declined", "failed"):
             if bad in states:
                 return bad
         if "claimed" not in states and self.deadline is not None and now >= self.deadline:
             return "late"
+        if states <= {"done"}:
+            return "blocked"
         return "running" if states & {"claimed", "asked", "done"} else "waiting"
 
     def to_dict(self, now: dt.datetime) -> dict[str, Any]:
@@ -230,6 +245,7 @@ class QueuedPlan:
             "asking_price": None if self.prices is None else self.prices.asking,
             "failing_price": None if self.prices is None else self.prices.failing,
             "steps": [_step_dict(step, now) for step in self.steps],
+            "open_goals": list(self.open_goals), "allows_part": self.allows_part,
         }  # fmt: skip
 
 
@@ -251,26 +267,30 @@ def read_queue(kb: GraphCore) -> list[QueuedPlan]:
     that robot, and no order to them.
     """
     steps = _steps(kb, _claims(kb), read_questions(kb))
+    left_open: dict[str, list[str]] = defaultdict(list)
+    for row in kb.select(_OPEN):
+        left_open[str(row.value("plan"))].append(str(row.value("open")))
     plans: dict[str, QueuedPlan] = {}
     for row in kb.select(_PLANS):
         task = str(row.value("plan"))
-        if task in plans or task not in steps:
+        if task in plans or (task not in steps and task not in left_open):
             continue
-        plan = _plan(row, tuple(steps[task]))
+        plan = _plan(row, tuple(steps.get(task, ())), tuple(left_open.get(task, ())))
         if _may_order(kb, plan):
             plans[task] = plan
     epoch = dt.datetime.min.replace(tzinfo=dt.UTC)
     return sorted(plans.values(), key=lambda plan: (plan.made or epoch, plan.task))
 
 
-def _plan(row: Row, steps: tuple[QueuedStep, ...]) -> QueuedPlan:
+def _plan(row: Row, steps: tuple[QueuedStep, ...], open_goals: tuple[str, ...]) -> QueuedPlan:
     cancelled = str(row.value("reason") or "") if row.value("cancelled") else None
     priority = row.value("priority")
     return QueuedPlan(
         str(row.value("plan")), str(row.value("graph")), str(row.value("goal")),
         _time(row.value("made")), int(str(priority)) if priority is not None else 0,
         _time(row.value("deadline")), cancelled, row.value("replaced") is not None, steps,
-        _prices(row.value("asking"), row.value("failing")),
+        _prices(row.value("asking"), row.value("failing")), open_goals,
+        str(row.value("part")).lower() in ("true", "1"),
     )  # fmt: skip
 
 

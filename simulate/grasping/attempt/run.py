@@ -254,6 +254,7 @@ class AttemptRun:
         x_range: tuple[float, float],
         y_range: tuple[float, float],
         spots: tuple[tuple[float, float], ...],
+        closings: tuple[tuple[float, ...], ...] = (),
     ) -> str:
         """Place the held object on one of some spots of an area of the table, and go home.
 
@@ -263,8 +264,12 @@ class AttemptRun:
             Of the area, m, base frame; whether the object arrived there is judged by its views.
         spots
             (x, y) m, base frame, best first.
+        closings
+            Closing directions to try first at each of them, rad, base frame; () = any will do.
         """
-        spot = PlaceSpot(self.plan.request.table_height, spots, TABLE_DESCENTS, walled=False)
+        spot = PlaceSpot(
+            self.plan.request.table_height, spots, TABLE_DESCENTS, walled=False, closings=closings
+        )
 
         def look() -> HeightMap:
             return self.looks.area(x_range, y_range)

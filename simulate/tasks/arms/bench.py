@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rtask.errors import UsageError
-from simulate.grasping.executor import Executor
+from simulate.grasping.executor import Executor, GraspRequest
 from simulate.motion.collision import Obstacle, body_obstacles
 from simulate.robots import describe
 from simulate.robots.cameras import camera_pose
@@ -245,6 +245,28 @@ class Station:
         low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
         return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
 
+    def gets_to(self, arm: str, at: Floats, request: GraspRequest, angle: float) -> bool:
+        """Return whether an arm gets its hand around something that another robot holds now.
+
+        Parameters
+        ----------
+        at : (4,) float, m
+            Where it is to stand, frame of the bench, homogeneous.
+        request
+            The grasp by which it is held.
+        angle
+            Closing direction about the vertical, rad, frame of the bench.
+        """
+        base_from_world = np.linalg.inv(self.world_from_base)
+        x, y = (base_from_world @ at)[:2]
+        angle += float(np.arctan2(base_from_world[1, 0], base_from_world[0, 0]))
+        asked = GraspRequest(
+            float(x), float(y), angle, width=request.width, height=request.height,
+            length=request.length, round=request.round, arm=arm, only_theta=True,
+            table_height=self.description.workplace.table_height,
+        )  # fmt: skip
+        return self.executor.planner.gets_to(arm, asked, _ASKED_SEED)
+
     def others(self) -> list[Obstacle]:
         """Return the other robots as they stand now, base frame of this one.
 
@@ -285,6 +307,7 @@ def _moved(obstacle: Obstacle, pose: Floats) -> Obstacle:
 OTHER_ROBOT = "other robot"
 """Name of the obstacles that are other robots."""
 _SETTLE_S = 0.5
+_ASKED_SEED = 0
 _NEAR_M = 0.06
 _LOW_M = 0.15
 """Above the table: what is higher is held by a hand."""

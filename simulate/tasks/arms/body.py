@@ -25,6 +25,7 @@ from simulate.grasping.attempt.run import AttemptRun
 from simulate.grasping.judgement import CLOSED_ON_SOMETHING, Judgement
 from simulate.motion.collision import Obstacle
 from simulate.tasks.arms.bench import OTHER_ROBOT, Station
+from simulate.tasks.arms.resuming import is_away, resumed
 from simulate.tasks.arms.station_body import RobotAtBench
 from simulate.tasks.body import Attempted, Deed
 from simulate.tasks.executor import Graph
@@ -82,6 +83,8 @@ class ArmBody:
         Name of the area of each place, by IRI, that it gets to.
     seed
         Of its choices.
+    others
+        Name of the area of each other place, by IRI; it looks at those that its cameras show.
     """
 
     def __init__(
@@ -91,13 +94,19 @@ class ArmBody:
         hands: Mapping[str, str],
         places: Mapping[str, str],
         seed: int = 0,
+        others: Mapping[str, str] | None = None,
     ) -> None:
         self.robot = RobotAtBench(station)
         self.graph, self._arms, self._places, self._seed = graph, hands, places, seed
         self._held: dict[str, _Held] = {}
+        self._unmoved = set(hands)
+        """Hands that this program has neither moved nor felt yet, as another one left them."""
         self._products: dict[str, str] = {}
         self._sizes: dict[str, list[float]] = {}
-        self._seen: dict[str, tuple[tuple[float, int], list[Sighting]]] = {}
+        self._shown = {**places, **{iri: name for iri, name in (others or {}).items()
+                                    if iri not in places and self.robot.shows(name)}}  # fmt: skip
+        self._used: dict[tuple[str, str], list[tuple[float, float]]] = {}
+        self._seen: dict[tuple[str, int], tuple[tuple[float, int], list[Sighting]]] = {}
         self._asked = 0
         self._tried: Counter[str] = Counter()
 
@@ -125,12 +134,14 @@ class ArmBody:
     def find(self, item: str) -> str | None:
         """Look for a thing in all areas within reach, and feel for it in the hands.
 
-        An arm that has lost what it held is out of the way then.
+        An arm that has lost what it held is out of the way then. What is not seen at once is looked
+        for from elsewhere, and where only the cameras get to.
         """
         for hand, held in list(self._held.items()):
             if not self._feels(held.item, hand):
                 self._let_go(hand)
-        return next((at for at in (*self._arms, *self._places) if self.sees(item, at)), None)
+        there = next((at for at in (*self._arms, *self._places) if self.sees(item, at)), None)
+        return there or next((at for at in self._shown if self._sight_anew(item, at)), None)
 
     def picture(self) -> bytes | None:
         """Return what the camera sees as JPEG."""
@@ -140,13 +151,19 @@ class ArmBody:
         done, data = cv2.imencode(".jpg", np.ascontiguousarray(frame.rgb[..., ::-1]))
         return data.tobytes() if done else None
 
-    def look(self, place: str) -> list[Sighting]:
-        """Look at an area; return what is in it, recognised by the graph."""
-        moment = self.robot.world.moment
-        if place not in self._seen or self._seen[place][0] != moment:
-            view, inside = self.robot.look_at(self._places[place])
-            self._seen[place] = moment, [self._recognise(seen, view) for seen in inside]
-        return self._seen[place][1]
+    def look(self, place: str, number: int = 0) -> list[Sighting]:
+        """Look at an area; return what is in it, recognised by the graph.
+
+        Parameters
+        ----------
+        number
+            Which of the viewpoints, the best first.
+        """
+        moment, key = self.robot.world.moment, (place, number)
+        if key not in self._seen or self._seen[key][0] != moment:
+            view, inside = self.robot.look_at(self._shown[place], number)
+            self._seen[key] = moment, [self._recognise(seen, view) for seen in inside]
+        return self._seen[key][1]
 
     def look_anew(self) -> None:
         """Forget what was seen: the graph may know more of it now."""
@@ -155,6 +172,7 @@ class ArmBody:
     def pick(self, item: str, place: str, hand: str) -> Deed:
         """Look, choose a grasp with the graph, plan, grasp and lift."""
         sighting = self._sight(item, place)
+        self._take_over(item, hand)
         if hand in self._held:
             return Deed(False, "hand_full", was_tried=False)
         if sighting is None:
@@ -194,25 +212,30 @@ class ArmBody:
         run.plan = replace(run.plan, obstacles=(*still, *self.robot.station.others()))
         box = self.robot.station.boxes.get(area)
         before = run.drive.elapsed_s
-        reason = run.place_in_box(box) if box is not None else self._put_on_table(run, area)
+        reason = run.place_in_box(box) if box is not None else self._put_on_table(run, area, item)
         self._forget(hand)
         if reason != "ok" and self._has_arrived(item, place, run):
             reason = "ok"
         return Deed(reason == "ok", reason, run.drive.elapsed_s - before)
 
-    def _put_on_table(self, run: AttemptRun, area: str) -> str:
+    def _put_on_table(self, run: AttemptRun, area: str, item: str) -> str:
         """Put what is held onto a free spot of an area, around what stands there."""
         view, _ = self.robot.look_at(area)
         request = run.plan.request
         size = max(request.length, request.width)
-        spots = self.robot.free_spots(area, size, view.perceived)
+        used = self._used.setdefault((item, area), [])
+        spots = self.robot.free_spots(area, size, view.perceived, request, tuple(used))
         if not spots:
             run.put_back()
             return "place_plan"
+        used.append(spots[0])
         there = [Obstacle.around("neighbour", seen.points.astype(np.float64), request.table_height)
                  for seen in view.perceived.objects]  # fmt: skip
         run.plan = replace(run.plan, obstacles=(*run.plan.obstacles, *there))
-        return run.place_within(*self.robot.station.ranges(area), spots)
+        closings = (
+            () if request.round else tuple(self.robot.ways(area, spot, request) for spot in spots)
+        )
+        return run.place_within(*self.robot.station.ranges(area), spots, closings)
 
     def give(self, item: str, hand: str, target: str) -> Deed:
         """Say that hands do not meet here: things change hands at places."""
@@ -223,14 +246,32 @@ class ArmBody:
 
         It did if it is seen there, or if something new is there and it is nowhere on the table.
         """
-        if self._sight(item, place) is not None:
+        if self._sight(item, place) is not None or self._sight_anew(item, place) is not None:
             return True
         layout = self.robot.station.bench.layout
         tables = [at for at, name in self._places.items() if not layout.area(name).is_box]
         is_gone = all(self._sight(item, at) is None for at in tables)
         return run.placed.is_new_there and run.placed.answer == "unknown" and is_gone
 
+    def _take_over(self, item: str, hand: str) -> None:
+        """Find out whether a hand holds what another program of this robot picked up.
+
+        It is what the graph has in the hand; where it has nothing there, what is asked about.
+        """
+        arm = self._arms[hand]
+        if hand not in self._unmoved:
+            return
+        self._unmoved.discard(hand)
+        if not is_away(self.robot, arm):
+            return
+        run = resumed(self.robot, arm, self._seed)
+        if run is not None:
+            rows = self.graph.query(_IN_HAND % hand)
+            self._held[hand] = _Held(str(rows[0]["thing"]) if rows else item, run)
+            self.robot.is_holding = True
+
     def _feels(self, item: str, hand: str) -> bool:
+        self._take_over(item, hand)
         held = self._held.get(hand)
         if held is None or held.item != item:
             return False
@@ -247,13 +288,19 @@ class ArmBody:
         self._held.pop(hand, None)
         self.robot.is_holding = bool(self._held)
 
-    def _sight(self, item: str, place: str) -> Sighting | None:
+    def _sight_anew(self, item: str, place: str) -> Sighting | None:
+        """Return the thing if it is seen in an area from any viewpoint."""
+        numbers = range(len(self.robot.viewpoints(self._shown[place])))
+        seen = (self._sight(item, place, number) for number in numbers)
+        return next((sighting for sighting in seen if sighting is not None), None)
+
+    def _sight(self, item: str, place: str, number: int = 0) -> Sighting | None:
         """Return the thing if it is seen in an area.
 
         What has fallen over shows a side that the graph may not know: then it is the only thing in
         the area that is nothing else, if it has the size that this robot saw of it.
         """
-        product, there = self._product(item), self.look(place)
+        product, there = self._product(item), self.look(place, number)
         sighting = next((seen for seen in there if seen.object == product), None)
         if sighting is None and item in self._sizes:
             strangers = [seen for seen in there if not seen.object]
@@ -343,5 +390,7 @@ def _is_alike(sighting: Sighting, size: list[float]) -> bool:
     return bool(np.all(np.abs(ratios - 1) < _SAME_SIZE))
 
 
+_IN_HAND = f"""{PREFIXES}
+SELECT ?thing WHERE {{ ?thing a rt:Exemplar ; rt:locatedOn <%s> }} LIMIT 1"""
 _PRODUCT = f"""{PREFIXES}
 SELECT ?product WHERE {{ <%s> rt:exemplarOf ?product . ?product rt:objectId ?id }} LIMIT 1"""

@@ -37,6 +37,10 @@ __all__ = ["crew"]
     help="Things on each table.",
 )  # fmt: skip
 @options.seed("things, light and noise")
+@click.option(
+    "--partly", is_flag=True,
+    help="Do what can be reached of GOAL, and leave the rest open until it can.",
+)  # fmt: skip
 @click.option("--decline", metavar="WORDS", help="Say no to steps whose text contains this.")
 @click.option(
     "--film", type=click.Path(path_type=Path, dir_okay=False), metavar="OUT",
@@ -46,8 +50,8 @@ __all__ = ["crew"]
 @options.json_flag("goals, steps, and where things truly are")
 def crew(
     words: tuple[str, ...], data: Path, server: str | None, agent: str | None,
-    tables: tuple[str, ...], things: int, seed: int, decline: str | None, film: Path | None,
-    preset: str, as_json: bool,
+    tables: tuple[str, ...], things: int, seed: int, partly: bool, decline: str | None,
+    film: Path | None, preset: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Let whole robots carry out GOAL, such as every can into the left box.
 
@@ -82,13 +86,13 @@ def crew(
         planner.call("list_plans")  # so that a server out of reach is no news after a minute
         settings = Settings(tables, things, seed, preset)
         with crew_at_tables(planner, settings, _filming(film, goal, films)) as working:
-            planner.call("store_plan", goal=goal, agent=agent)
+            planner.call("store_plan", goal=goal, agent=agent, allow_part=partly)
             ended = working.work(tell, may, agent)
             truths = working.truths()
             if film is not None:
                 films[0].write(film, "; ".join(run.result.replace("_", " ") for run in ended))
     _print(ended, turns, [(t.name, t.remembered, t.place) for t in truths], as_json)
-    if any(run.result == "given_up" for run in ended):
+    if any(run.result in ("given_up", "partly") for run in ended):
         raise SystemExit(1)
 
 

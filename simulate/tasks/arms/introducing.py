@@ -96,6 +96,7 @@ def introduce(
             {hand: arm for hand, arm in hands[post.robot].items() if arm in own},
             {iri: name for iri, name in places.items() if name in within},
             mix_seed(seed, number),
+            places,
         )  # fmt: skip
     return Introduced(bodies, places)
 

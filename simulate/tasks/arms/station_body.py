@@ -40,6 +40,7 @@ class RobotAtBench(RobotAtTable):
         self.is_holding = False
         """Whether a hand of it holds something, so that it keeps its stance."""
         self.ignored = (*self._beyond(), *self._boxes(""))
+        self._ways: dict[tuple[object, ...], tuple[float, ...]] = {}
 
     def plan(
         self, request: GraspRequest, obstacles: list[FloatArray], seed: int
@@ -52,10 +53,16 @@ class RobotAtBench(RobotAtTable):
         clouds = [cloud.astype(np.float64) for cloud in obstacles]
         return self.executor.plan(request, [*clouds, *self.station.others()], seed)
 
-    def look_at(self, area: str) -> tuple[View, list[Seen]]:
-        """Look at an area; return the view and what is seen within it."""
+    def look_at(self, area: str, number: int = 0) -> tuple[View, list[Seen]]:
+        """Look at an area; return the view and what is seen within it.
+
+        Parameters
+        ----------
+        number
+            Which of the :meth:`viewpoints`.
+        """
         x, y = self.station.ranges(area)
-        side, camera = self._viewpoint(area, sum(y) / 2)
+        side, camera = self.viewpoints(area)[number]
         frame, base_from_camera = self.look(side, camera)
         is_box = self.station.bench.layout.area(area).is_box
         ignored = (*self._beyond(), *self._boxes(area)) if is_box else self.ignored
@@ -66,18 +73,26 @@ class RobotAtBench(RobotAtTable):
         ]  # fmt: skip
         return View(frame, base_from_camera, perceived), inside
 
-    def _viewpoint(self, area: str, y: float) -> tuple[str, str | None]:
-        """Return side and camera that show most of an area."""
-        side = "left" if y > 0 else "right"
+    def viewpoints(self, area: str) -> list[tuple[str, str | None]]:
+        """Return sides and cameras that show an area, the one that shows most of it first."""
+        side = "left" if sum(self.station.ranges(area)[1]) > 0 else "right"
         cameras = self.robot.description.cameras
         first = next(iter(cameras.values()))
         if any(first.look.values()):
             box = f"box_{side}"
-            is_box = self.station.bench.layout.area(area).is_box and box in first.look
-            return (box if is_box else side), None
+            is_box = self.station.bench.layout.area(area).is_box
+            directions = (box, side, "ahead") if is_box else (side, "ahead", box)
+            return [(name, None) for name in directions if name in first.look]
         shown = {name: self._share_shown(area, name) for name in cameras}
-        best = max(shown, key=lambda name: (shown[name], name == first.name))
-        return side, None if best == first.name else best
+        best = sorted(shown, key=lambda name: (-shown[name], name != first.name))
+        used = [name for name in best if shown[name] == _CORNERS] or best[:1]
+        return [(side, None if name == first.name else name) for name in used]
+
+    def shows(self, area: str) -> bool:
+        """Whether a camera that stands still has all of an area in its picture."""
+        cameras = self.robot.description.cameras
+        turns = any(next(iter(cameras.values())).look.values())
+        return not turns and any(self._share_shown(area, c) == _CORNERS for c in cameras)
 
     def _share_shown(self, area: str, camera: str) -> int:
         """Return how many corners of an area are in the picture of a camera that stands still."""
@@ -106,10 +121,21 @@ class RobotAtBench(RobotAtTable):
                 seen = self.station.seen(box)
                 yield Ignored(seen.x_range, seen.y_range)
 
-    def free_spots(self, area: str, size: float, view: Perceived) -> Spots:
-        """Return spots (x, y), m, base frame, of an area for something of a size, freest first.
+    def free_spots(
+        self, area: str, size: float, view: Perceived, request: GraspRequest | None = None,
+        used: Spots = (),
+    ) -> Spots:  # fmt: skip
+        """Return spots (x, y), m, base frame, of an area for something of a size, best first.
 
         There are none where other things leave no room for it.
+
+        Parameters
+        ----------
+        request
+            The grasp that holds it: spots where the other robots of the area get their hands around
+            it come first. By default the freest do.
+        used
+            Spots where it was before, which come last.
         """
         (x0, x1), (y0, y1) = self.station.ranges(area)
         margin = min(size / 2, (x1 - x0) / 2.2, (y1 - y0) / 2.2)
@@ -120,10 +146,63 @@ class RobotAtBench(RobotAtTable):
         away = np.linalg.norm(spots - middle, axis=1)
         order = np.lexsort((away, -np.minimum(room, size + _ROOM_M)))
         free = [k for k in order if room[k] > size / 2 + _GAP_M]
-        return tuple((float(spots[k][0]), float(spots[k][1])) for k in free[:_SPOTS])
+        chosen = [(float(spots[k][0]), float(spots[k][1])) for k in free]
+        if request is not None:
+            ways = {spot: len(self.ways(area, spot, request)) for spot in chosen[:_COMPARED]}
+            chosen.sort(key=lambda spot: -ways.get(spot, 0))
+        chosen.sort(key=lambda spot: any(np.hypot(*np.subtract(spot, u)) < _SAME_M for u in used))
+        return tuple(chosen[:_SPOTS])
+
+    def ways(
+        self, area: str, spot: tuple[float, float], request: GraspRequest
+    ) -> tuple[float, ...]:
+        """Return closing directions by which all robots of an area get to a thing at a spot.
+
+        Robots at one table know how the others are built, and where these stand. There are none in
+        an area of one robot.
+
+        Parameters
+        ----------
+        spot
+            (x, y) m, base frame.
+        request
+            The grasp that holds the thing now.
+
+        Returns
+        -------
+        tuple of float
+            About the vertical, rad, base frame.
+        """
+        key = (area, spot, request.width, request.height, request.length, request.round)
+        if key not in self._ways:
+            self._ways[key] = self._find_ways(area, spot, request)
+        return self._ways[key]
+
+    def _find_ways(
+        self, area: str, spot: tuple[float, float], request: GraspRequest
+    ) -> tuple[float, ...]:
+        mine, x, y = self.station, *spot
+        at = mine.world_from_base @ [x, y, 0.0, 1.0]
+        yaw = float(np.arctan2(mine.world_from_base[1, 0], mine.world_from_base[0, 0]))
+        hands = [(other, arm) for other in mine.bench.stations.values()
+                 for arm, names in other.post.reach.items() if area in names]  # fmt: skip
+        hands.sort(key=lambda hand: hand[0] is mine)
+        if all(other is mine for other, _ in hands):
+            return ()
+        angles = _ANGLES[:1] if request.round else _ANGLES
+        return tuple(
+            angle for angle in angles
+            if all(other.gets_to(arm, at, request, angle + yaw) for other, arm in hands)
+        )  # fmt: skip
 
 
 _SPOTS = 5
+_COMPARED = 6
+"""Spots of which it is asked whether others get to them."""
+_SAME_M = 0.015
+_ANGLES = (0.0, np.pi / 4, np.pi / 2, 3 * np.pi / 4)
+"""Closing directions about the vertical, rad, at which a thing may come to lie."""
+_CORNERS = 4
 _ROOM_M, _GAP_M = 0.03, 0.01
 """Around a thing: as much as is of use, and the least."""
 

@@ -82,6 +82,27 @@ def test_what_the_graph_does_not_support_is_not_begun_and_said_to_be_stuck(engin
     assert "puts red cup" in claim(engine, AS_PANDA).text
 
 
+def test_a_robot_puts_nothing_into_the_hand_of_one_that_has_no_part_in_its_step(engine):
+    store(engine)
+    step = claim(engine, AS_PANDA)
+    with pytest.raises(ForbiddenError, match=r"belongs to 'panda-1', and .*nao-1/hand is"):
+        engine.call(
+            "end_step", {"task": step.task, "result": "done", "place": f"{NAO}/hand"}, AS_PANDA
+        )
+    own = {"task": step.task, "result": "done", "place": f"{PANDA}/hand"}
+    assert engine.call("end_step", own, AS_PANDA).commit
+
+
+def test_the_hand_of_a_partner_is_named_by_who_gives_it_something(engine):
+    store(engine)
+    step = claim(engine, AS_PANDA)
+    graph = f"{BASE}graph/shared"
+    both = f"<{step.task}> rt:assignedTo <{NAO}>"
+    engine.kb.update(f"{PREFIXES} INSERT DATA {{ GRAPH <{graph}> {{ {both} }} }}")
+    given = {"task": step.task, "result": "done", "place": f"{NAO}/hand"}
+    assert engine.call("end_step", given, AS_PANDA).commit
+
+
 def test_priority_deadline_and_cancelling_decide_what_comes_next(engine):
     cup = store(engine)
     pen = store(engine, "the pen into the right box", priority=5)
@@ -253,3 +274,30 @@ def test_commands_list_who_does_what_and_why_and_cancel(tmp_path, capsys):
     assert json.loads(run(*again)[1]) == {"commit": ""}
     assert run("tasks", "list")[0] == 1
     assert "cancelled: enough" in run("tasks", "list", "--all")[1]
+
+
+def test_what_is_out_of_reach_is_stored_as_open_and_listed_with_the_reason(tmp_path, capsys):
+    """Even where nothing at all can be done now."""
+    with rtask.open(tmp_path / "kb", base=BASE) as kb:
+        kb.update(LAB)
+    data = ("-d", str(tmp_path / "kb"))
+    goal = "every bottle into the left box"
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            main([*arguments, *data])
+        printed = capsys.readouterr()
+        return ended.value.code or 0, printed.out, printed.err
+
+    assert "for --store" in run("plan", goal, "--partly")[2]
+    assert "stored" not in run("plan", goal, "--store")[2]
+    code, _, err = run("plan", goal, "--store", "--partly", "--agent", "ann")
+    assert (code, "left open" in err) == (1, True)
+    (listed,) = json.loads(run("tasks", "list", "--json")[1])
+    assert (listed["state"], listed["steps"]) == ("blocked", [])
+    assert "left open: jug located on left box: " in run("tasks", "list")[1]
+    with rtask.open(tmp_path / "kb") as kb:
+        assert claiming.claim_step(kb, PANDA, kb.access("panda-1")).step is None
+    task = err.partition("stored as ")[2].split()[0]
+    assert run("tasks", "cancel", task, "--reason", "enough")[0] == 0
+    assert run("tasks", "list")[0] == 1

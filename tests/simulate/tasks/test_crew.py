@@ -10,14 +10,14 @@ import pytest
 import rtask
 from rtask.cli import main
 from rtask.engine import Engine
-from rtask.errors import RemoteUnavailableError
+from rtask.errors import RemoteUnavailableError, UsageError
 from rtask.rdf.namespaces import PREFIXES, RT
 from rtask.rdf.terms import iri
 from simulate.tasks.body import Deed
 from simulate.tasks.crew import Crew
 from simulate.tasks.executor import Executor
 from simulate.tasks.lab import read_lab
-from tests.rtask.tasks.conftest import BASE, CUP, LAB, LEFT, NAO, PANDA, PEN, RIGHT, TABLE
+from tests.rtask.tasks.conftest import BASE, CUP, JUG, LAB, LEFT, NAO, PANDA, PEN, RIGHT, TABLE
 from tests.rtask.tasks.test_plans import ACTION
 
 pytestmark = pytest.mark.slow
@@ -140,6 +140,70 @@ def test_what_is_nowhere_to_be_seen_is_given_up_and_not_lost_from_the_memory(wor
     assert not world.places(CUP)
     assert not world.kb.world.where_is(CUP).is_known
     assert len(world.kb.world.where_is(CUP).exemplars) == 1
+
+
+class Clumsy:
+    """A robot that finds no way to the cup until the other one has put it down anew."""
+
+    def __init__(self, robot, needs):
+        self._robot, self._needs = robot, needs
+
+    def __getattr__(self, name):
+        return getattr(self._robot, name)
+
+    def pick(self, item, place, hand):
+        puts = [deed for deed in self._robot.lab.done if deed == (PANDA, "put", CUP)]
+        if len(puts) < self._needs:
+            return Deed(False, "ik", was_tried=False)
+        return self._robot.pick(item, place, hand)
+
+
+@pytest.mark.parametrize(("needs", "result", "moved"), [(2, "reached", 1), (99, "given_up", 3)])
+def test_what_a_robot_finds_no_way_to_another_one_moves(world, needs, result, moved):
+    world.store()
+    crew = world.crew()
+    crew.robots[NAO].body = Clumsy(world.lab.robot(NAO), needs)
+    (ended,) = crew.work()
+    assert (ended.goal, ended.result) == (GOAL, result), "plans that only move it are no goals"
+    assert world.lab.done.count((PANDA, "put", CUP)) == 1 + 2 * moved
+    if result == "given_up":
+        assert "nao-1 picks red cup up from table: no way was found 4 times (ik)" in ended.comment
+        assert "it was moved 3 times for that" in ended.comment
+    assert world.planner.call("list_plans")["plans"] == []
+
+
+def test_what_is_possible_of_a_goal_is_done_and_the_rest_once_it_can_be(world):
+    goal = f"{GOAL}; every bottle into the left box"
+    with pytest.raises(UsageError, match="Allow a part"):
+        world.store(goal)
+    world.store(goal, allow_part=True)
+    crew = world.crew()
+    (ended,) = crew.work()
+    assert (ended.result, world.lab.where[CUP], world.lab.where[JUG]) == ("partly", LEFT, TABLE)
+    (plan,) = world.planner.call("list_plans")["plans"]
+    assert plan["state"] == "blocked"
+    (left,) = plan["open_goals"]
+    assert left.startswith("jug located on left box: ")
+    assert left in ended.comment
+    assert crew.work() == [ended], "nothing has changed: nothing is done, and nothing said twice"
+
+    world.kb.update(f"{PREFIXES} INSERT DATA {{ <{PANDA}> rt:reaches <{LEFT}> }}")
+    world.lab.reach = {**world.lab.reach, PANDA: world.lab.reach[PANDA] | {LEFT}}
+    assert [run.result for run in world.crew().work()] == ["reached"]
+    assert world.lab.where[JUG] == LEFT
+    assert world.planner.call("list_plans")["plans"] == []
+
+
+def test_what_becomes_impossible_meanwhile_does_not_keep_robots_from_the_rest(world):
+    """The cup is gone; the pen is put away all the same, and the cup is left open."""
+    world.store("every cup into the left box; every pen into the right box", allow_part=True)
+    del world.lab.where[CUP]
+    (ended,) = world.crew().work()
+    assert (ended.result, world.lab.where[PEN]) == ("partly", RIGHT)
+    assert "red cup" in ended.comment
+    (plan,) = world.planner.call("list_plans")["plans"]
+    assert plan["state"] == "blocked"
+    assert [text.partition(" located")[0] for text in plan["open_goals"]] == ["red cup"]
 
 
 def test_the_command_stores_a_plan_and_lets_robots_carry_it_out(tmp_path, capsys):

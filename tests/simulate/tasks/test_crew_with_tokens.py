@@ -15,7 +15,7 @@ import pytest
 
 import rtask
 from endpoint.access.tokens import TokenStore
-from rtask.errors import RtaskError
+from rtask.errors import RemoteUnavailableError, RtaskError
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.executor import Executor
 from simulate.tasks.lab import read_lab
@@ -131,6 +131,58 @@ def test_a_crew_of_which_one_is_killed_does_all_and_nothing_twice(
     )
     unseen = {"panda-1": int(dies_after == "pick")}  # its program ended before it could report
     assert stored == {name: n - unseen.get(name, 0) for name, n in picks.items() if n}
+
+
+def work(robot: Executor) -> None:
+    while robot.turn().result != "idle":
+        pass
+
+
+class KillsServer:
+    """A robot whose server is killed right after an action, before it can say anything."""
+
+    def __init__(self, body: CrewRobot, server: RunningServer, action: str) -> None:
+        self._body, self._server, self._action = body, server, action
+
+    def __getattr__(self, name: str) -> object:
+        done = getattr(self._body, name)
+        if name != self._action:
+            return done
+
+        def act_and_kill(*arguments: str) -> object:
+            deed = done(*arguments)
+            self._server.stop(signal.SIGKILL)
+            return deed
+
+        return act_and_kill
+
+
+@pytest.mark.parametrize("action", ["pick", pytest.param("put", marks=pytest.mark.deep)])
+def test_what_a_robot_did_while_its_server_was_killed_is_said_to_the_next_one(
+    tmp_path: Path, action: str
+) -> None:
+    data, folder = tmp_path / "store", tmp_path / "lab"
+    folder.mkdir()
+    with rtask.open(data, base=BASE) as kb:
+        kb.update(LAB)
+    with running_server(data) as server:
+        site = Site(server, data, folder)
+        with site.person, rtask.connect(server.url, token=site.tokens[PANDA]) as graph:
+            site.person.call("store_plan", goal="every pen into the right box")
+            body = CrewRobot(folder, PANDA, site.reach, site.hands)
+            robot = Executor(graph, KillsServer(body, server, action))
+            with pytest.raises(RemoteUnavailableError):
+                work(robot)
+    with running_server(data) as again, rtask.connect(again.url, token=site.tokens[PANDA]) as graph:
+        robot.graph, robot.body = graph, body
+        work(robot)
+        (plan,) = graph.call("list_plans", state="all")["plans"]
+        assert {step["state"] for step in plan["steps"]} == {"done"}
+        deeds = [(deed, item) for _, deed, item in site.truth["done"]]
+        assert deeds == [("pick", PEN), ("put", PEN)]
+        rows = graph.query(f"""{PREFIXES}
+SELECT (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ ?attempt a rt:GraspAttempt }}""")
+        assert int(rows[0]["n"]) == 1
 
 
 def test_a_robots_token_claims_and_ends_steps_of_that_robot_alone(site: Site) -> None:

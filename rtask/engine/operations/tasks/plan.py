@@ -79,6 +79,8 @@ class StorePlan(Message):
     """what a question to a person costs, in any unit; default: nobody is asked"""
     failing_price: Annotated[Number, Ge(0), Le(_MAX_PRICE)] | None = None
     """what a failed step costs, in the unit of asking_price; default: nobody is asked"""
+    allow_part: Flag = False
+    """store the steps for what can be reached, and the rest as open goals; else all or nothing"""
 
 
 class PlanReason(Answer):
@@ -246,7 +248,7 @@ def _order(context: Context, request: StorePlan, author: Access) -> storing.Orde
     if request.deadline is not None:
         latest_s = min(request.deadline, _LATEST_S)
         deadline = dt.datetime.fromtimestamp(latest_s, dt.UTC)
-    return storing.Order(request.priority, deadline, earlier, _prices(request))
+    return storing.Order(request.priority, deadline, earlier, _prices(request), request.allow_part)
 
 
 def _prices(request: StorePlan) -> Prices | None:

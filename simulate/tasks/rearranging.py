@@ -1,0 +1,132 @@
+"""What a robot finds no way to is put elsewhere by another robot, or given up with a reason.
+
+Where a hand gets to, the graph knows by places. Within a place it depends on how the thing stands
+there, which only the robot's planning tells. What it found no way to twice, with nothing done in
+between, another robot moves; its next place for the thing is a new one.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from rtask.errors import RtaskError
+from rtask.rdf.namespaces import PREFIXES
+from simulate.grasping.record import phase_of
+from simulate.tasks.executor import Graph
+
+__all__ = ["Rearranging"]
+
+_BEFORE_HELP, _BEFORE_END = 2, 4
+"""Failures to find a way, with nothing done in between, before another robot is to help, and before
+the goal ends."""
+_MAX_MOVES = 3
+"""How often a thing is moved for that."""
+
+
+@dataclass
+class Rearranging:
+    """What robots found no way to, and the plans that move it.
+
+    Parameters
+    ----------
+    planner
+        A client that may store plans for all robots.
+    store
+        Stores a plan for a goal; its arguments are those of ``store_plan``.
+    """
+
+    planner: Graph
+    store: Callable[..., Any]
+    helping: set[str] = field(default_factory=set)
+    """IRIs of the plans that only move a thing for another plan."""
+    _failures: Counter[tuple[str, str, str]] = field(default_factory=Counter)
+    _moves: Counter[str] = field(default_factory=Counter)
+    _counted: set[str] = field(default_factory=set)
+
+    def note_done(self) -> None:
+        """Note that a step was done, so that what had no way before may have one now."""
+        self._failures.clear()
+
+    def move(self, plan: Mapping[str, Any]) -> bool:
+        """Store a plan by which another robot moves what a plan has failed at, if that helps."""
+        failure, step = self._failure(plan), _failed(plan)
+        if failure is None or step["task"] in self._counted:
+            return False
+        self._counted.add(step["task"])
+        robot, item, place = failure
+        self._failures[failure] += 1
+        if self._failures[failure] < _BEFORE_HELP or self._moves[item] >= _MAX_MOVES:
+            return False
+        for elsewhere in self._places(robot, item, place):
+            goal = f"<{item}> rt:locatedOn <{elsewhere}>"
+            try:
+                answer = self.planner.call("plan_goal", goal=goal)
+                if not answer["complete"] or not answer["steps"] or _is_by(answer, robot):
+                    continue
+                stored = self.store(
+                    goal=goal, digest=answer["digest"], priority=min(plan["priority"] + 1, 100)
+                )
+            except RtaskError as error:
+                if not error.answer_status or error.answer_status >= 500:
+                    raise
+                continue
+            self._moves[item] += 1
+            self.helping.add(stored["task"])
+            return True
+        return False
+
+    def hopeless(self, plan: Mapping[str, Any]) -> str:
+        """Return why there is no use in planning again; empty if there may be."""
+        failure = self._failure(plan)
+        count = self._failures[failure] if failure is not None else 0
+        if count < _BEFORE_END:
+            return ""
+        step = _failed(plan)
+        moved = self._moves[failure[1]] if failure is not None else 0
+        helped = f"it was moved {moved} times for that" if moved else "no other robot can move it"
+        return f"{step['text']}: no way was found {count} times ({step['comment']}), and {helped}"
+
+    def _failure(self, plan: Mapping[str, Any]) -> tuple[str, str, str] | None:
+        """Return robot, thing and place of a step that failed for want of a way; None for none."""
+        step = _failed(plan)
+        if not step or phase_of(step["comment"]) != "plan":
+            return None
+        rows = self.planner.query(_VALUES % step["task"])
+        values = json.loads(str(rows[0]["values"])) if rows else {}
+        if "thing" not in values or "place" not in values:
+            return None
+        return step["claimed_by"], str(values["thing"]), str(values["place"])
+
+    def _places(self, robot: str, item: str, place: str) -> list[str]:
+        """Return places to which another robot could move a thing, the emptiest first.
+
+        Where one robot alone gets to, only if the thing was there before: else nobody might get it
+        back from there.
+        """
+        values = {"prefixes": PREFIXES, "robot": robot, "place": place, "item": item}
+        rows = self.planner.query(_ELSEWHERE.format(**values))
+        things = Counter(str(row["at"]) for row in rows if row["thing"] is not None)
+        return sorted({str(row["at"]) for row in rows}, key=lambda at: (things[at], at))
+
+
+def _failed(plan: Mapping[str, Any]) -> Mapping[str, Any]:
+    return next((step for step in plan["steps"] if step["state"] == "failed"), {})
+
+
+def _is_by(plan: Mapping[str, Any], robot: str) -> bool:
+    return any(robot in step["robots"] for step in plan["steps"])
+
+
+_VALUES = f"""{PREFIXES}
+SELECT ?values WHERE {{ <%s> rt:parameterValues ?values }} LIMIT 1"""
+_ELSEWHERE = """{prefixes}
+SELECT DISTINCT ?at ?thing WHERE {{
+  ?other rt:reaches <{place}>, ?at FILTER(?other != <{robot}> && ?at != <{place}>)
+  FILTER(EXISTS {{ ?third rt:reaches ?at FILTER(?third != ?other) }}
+         || EXISTS {{ ?earlier rt:placementOf <{item}> ; rt:placedOn ?at }})
+  OPTIONAL {{ ?thing a rt:Exemplar ; rt:locatedOn ?at }}
+}}"""
