@@ -6,7 +6,9 @@ Matplotlib is imported when the first chart is drawn, and without its global fig
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,9 +18,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["curve_chart", "heat_map"]
+__all__ = ["Figures", "curve_chart", "figure_chart", "heat_map"]
 
 _SIZE_IN = (8.0, 4.8)
+_BAR_IN, _LABEL_WIDTH = 0.32, 64
+_SPAN_OF_LOG = 50.0
+"""Ratio of the largest to the smallest figure from which the axis is logarithmic."""
 _NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 
@@ -53,6 +58,63 @@ def curve_chart(
     axes.set_ylim(*y_range)
     axes.grid(color="#ddd", linewidth=0.8)
     axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, fontsize=8)
+    return _svg(figure)
+
+
+@dataclass(frozen=True)
+class Figures:
+    """A figure of ours, its interval, and the one that it is compared with.
+
+    Parameters
+    ----------
+    name
+        What is measured.
+    ours, interval, theirs
+        In the unit of the chart; None where there is none.
+    """
+
+    name: str
+    ours: float
+    interval: tuple[float, float] | None = None
+    theirs: float | None = None
+
+
+def figure_chart(rows: Sequence[Figures], title: str, unit: str) -> str:
+    """Return figures below each other as an SVG document: ours with whiskers, theirs as crosses.
+
+    The axis is logarithmic where the figures span more than a factor of 50.
+
+    Examples
+    --------
+    >>> svg = figure_chart([Figures("recall", 0.9, (0.8, 0.95), 0.85)], "Recall", "")
+    >>> ">recall</text>" in svg, ">theirs</text>" in svg
+    (True, True)
+    """
+    figure, axes = _figure(title)
+    figure.set_size_inches(_SIZE_IN[0], 1.2 + _BAR_IN * len(rows))
+    lines = range(len(rows))
+    ours = [row.ours for row in rows]
+    edges = [row.interval or (row.ours, row.ours) for row in rows]
+    # An interval of another estimator may leave its figure out, which whiskers cannot show.
+    whiskers = [
+        [max(value - low, 0.0) for value, (low, _) in zip(ours, edges, strict=True)],
+        [max(high - value, 0.0) for value, (_, high) in zip(ours, edges, strict=True)],
+    ]
+    axes.errorbar(ours, lines, xerr=whiskers, fmt="o", color="#0072b2", capsize=3, label="ours")
+    theirs = [(row.theirs, line) for line, row in enumerate(rows) if row.theirs is not None]
+    if theirs:
+        x, y = zip(*theirs, strict=True)
+        axes.plot(x, y, "x", color="#d55e00", markersize=8, label="theirs")
+        axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, fontsize=8)
+    every = [*ours, *(low for low, _ in edges), *(x for x, _ in theirs)]
+    if min(every) > 0 and max(every) > _SPAN_OF_LOG * min(every):
+        axes.set_xscale("log")
+    elif min(every) >= 0:
+        axes.set_xlim(left=0)
+    axes.set_yticks(lines, [textwrap.fill(row.name, _LABEL_WIDTH) for row in rows], fontsize=7)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_xlabel(unit)
+    axes.grid(axis="x", color="#ddd", linewidth=0.8)
     return _svg(figure)
 
 

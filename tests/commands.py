@@ -68,13 +68,19 @@ def start_command(
 
 
 def run_program(
-    text: str, *arguments: str, given: str = "", check: bool = False
+    text: str,
+    *arguments: str,
+    given: str = "",
+    check: bool = False,
+    folder: Path | None = None,
 ) -> subprocess.CompletedProcess[str]:
     """Run a program as ``python -c`` does, to its end; see :func:`run_command`.
 
     A program whose imports are what is tested is run by the interpreter itself.
     """
-    return run_command(text, *arguments, module="tests.program", given=given, check=check)
+    return run_command(
+        text, *arguments, module="tests.program", given=given, check=check, folder=folder
+    )
 
 
 def run_command(

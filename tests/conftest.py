@@ -15,6 +15,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from hypothesis import HealthCheck, settings
 
 from tests import prewarmed
 
@@ -80,6 +81,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """
     if not hasattr(config, "workerinput"):
         _gather_temporary_files(config)
+    _draw_the_same_everywhere()
     usual = inspect.signature(httpx.Client).parameters["timeout"].default
     usual.connect = usual.read = usual.write = usual.pool = _PATIENCE_S
     context = httpx.create_ssl_context()
@@ -90,6 +92,19 @@ def pytest_configure(config: pytest.Config) -> None:
     failed = os.environ.pop("RTASK_FAILED_TESTS", None)
     if failed and not hasattr(config, "workerinput"):
         config.stash[_FAILED] = Path(failed)
+
+
+def _draw_the_same_everywhere() -> None:
+    """Let hypothesis draw the same examples on every machine, in whatever time they take.
+
+    Otherwise it does so only where it recognises a service for continuous integration; elsewhere a
+    busy processor fails what takes more than .2 s, and other examples are drawn each time.
+    """
+    settings.register_profile(
+        "tests", deadline=None, derandomize=True, database=None,
+        suppress_health_check=[HealthCheck.too_slow],
+    )  # fmt: skip
+    settings.load_profile("tests")
 
 
 def _gather_temporary_files(config: pytest.Config) -> None:

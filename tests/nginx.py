@@ -50,7 +50,7 @@ def running_nginx(
     command = [NGINX, "-c", str(folder / "nginx.conf"), "-e", str(folder / "error.log")]
     with subprocess.Popen(command) as nginx:
         try:
-            end = time.monotonic() + 20
+            end = time.monotonic() + 60
             while not _listens(port):
                 assert nginx.poll() is None, (folder / "error.log").read_text("utf-8")
                 assert time.monotonic() < end

@@ -7,6 +7,9 @@ import threading
 import time
 from collections.abc import Callable
 
+EVER_LONGER_S = (0.4, 4.0, 40.0)
+"""Times to wait for what never comes: what is to come before it may take long on a busy machine."""
+
 
 def is_alive(pid: int) -> bool:
     """Whether a process is there, a zombie included."""

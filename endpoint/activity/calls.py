@@ -13,6 +13,7 @@ _ASKED = {
     "recognise_for_grasp": "asks what it sees and how to grasp it",
     "search_object": "asks what it sees",
     "recall_grasps": "asks how an object was grasped before",
+    "recall_motions": "asks how others moved",
     "resolve_entities": "asks what fits a description",
     "plan_in_space": "asks for grasps in space",
     "reconstruct_mesh": "asks for the surface of an object",

@@ -214,6 +214,7 @@ class Follower:
             except _StartOverError as error:
                 _log.warning("the copy starts over: %s", error)
                 assert self._kb.folder is not None
+                # Marked first: killed in between, the next start fetches a new copy, too.
                 mark_following(self._kb.folder, self.url, complete=False)
                 self._start_over()
                 return
@@ -251,6 +252,7 @@ class Follower:
             if kind == "tokens":
                 self._tokens.replace(json.loads(frame.body))
             elif kind == "heartbeat":
+                # What came before it is what it tells of.
                 self._apply(batch)
                 batch = []
                 self._writer_seq = int(frame.header["seq"])
@@ -271,6 +273,7 @@ class Follower:
             return
         self._kb.apply_records(records)
         for record in records:
+            # A look at the bytes saves decoding most records, which name no blob.
             if PREFIX.encode() in record.body:
                 for quad in record.added():
                     digest = digest_of(str(getattr(quad.object, "value", "")))
@@ -348,6 +351,7 @@ class Follower:
         RefusedError
             503: the writer does not answer.
         """
+        # The writer has to know what a robot asked before it hears how that went.
         self.deliver_records()
         if not self.forwards:
             return self.redirect(request)
@@ -371,6 +375,7 @@ class Follower:
 
     def redirect(self, request: Request) -> Response:
         """Send a caller to the writer."""
+        # 307 keeps method and body, which 302 does not.
         return Response(307, b"", "", (("Location", self.url + _target(request)),))
 
     def catch_up(self) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from features.codec.image_header import image_size
 from features.codec.limits import CloudFormatError, Limits
-from features.geometry import finite_depth
+from features.geometry import depth_of_steps, finite_depth
 
 __all__ = ["decode_compressed_depth", "decode_rvl", "is_compressed_depth"]
 
@@ -64,7 +64,7 @@ def decode_compressed_depth(
     stored = data[_HEADER.size :] if has_header else data
     values = _decode_png(stored, limits) if stored.startswith(_PNG) else decode_rvl(stored, limits)
     if encoding != "32FC1":
-        return np.asarray(values * 0.001, dtype=np.float32)
+        return depth_of_steps(values)
     if not (np.isfinite(a) and np.isfinite(b) and a > 0):
         raise CloudFormatError(
             f"compressedDepth: 32FC1 without the constants of its inverse depth ({a:g}, {b:g})"

@@ -24,6 +24,7 @@ from features.codec.table import COLOURS, Table, colours_of
 from features.geometry import finite_depth
 
 __all__ = [
+    "DEPTH_ENCODINGS",
     "image_bytes",
     "is_image",
     "is_point_cloud",
@@ -52,8 +53,13 @@ _ENCODINGS = {
     "rgb16": ("u2", 3), "bgr16": ("u2", 3), "rgba16": ("u2", 4), "bgra16": ("u2", 4),
     "mono8": ("u1", 1), "8UC1": ("u1", 1), "8UC3": ("u1", 3), "8UC4": ("u1", 4),
     "16UC3": ("u2", 3), "16UC4": ("u2", 4),
-    "mono16": ("u2", 1), "16UC1": ("u2", 1), "32FC1": ("f4", 1),
+    "mono16": ("u2", 1), "16UC1": ("u2", 1), "16SC1": ("i2", 1), "32FC1": ("f4", 1),
+    "64FC1": ("f8", 1),
 }  # fmt: skip
+DEPTH_ENCODINGS = ("16UC1", "16SC1", "32FC1", "64FC1")
+"""Encodings that hold depth and no colour: mm in whole numbers, m in others (REP 118)."""
+_COLOUR_BITS = (10, 12, 14, 16)
+"""Of sensors whose numbers lie in 16 bits, many of them in the lowest."""
 _REVERSED = ("bgr", "8UC", "16UC")
 """Encodings whose channels are blue, green, red; OpenCV orders those without names so."""
 _PNG = b"\x89PNG"
@@ -99,6 +105,10 @@ def pcd_from_point_cloud(message: Mapping[str, Any], limits: Limits | None = Non
     if missing:
         raise CloudFormatError(f"PointCloud2: no field {', '.join(missing)}")
     table: Table = {axis: rows[axis].astype("<f4") for axis in "xyz"}
+    # Nothing is measured where the sensor stands: cameras write that for what they did not see.
+    is_missing = (table["x"] == 0) & (table["y"] == 0) & (table["z"] == 0)
+    for axis in "xyz":
+        table[axis][is_missing] = np.nan
     colours = colours_of({name: rows[name] for name in names})
     if colours is not None:
         red, green, blue = colours.astype("<u4").T
@@ -197,7 +207,8 @@ def _png(pixels: NDArray[Any]) -> bytes:
 def pixels_of_image(message: Mapping[str, Any], limits: Limits | None = None) -> NDArray[Any]:
     """Return the pixels of a ``sensor_msgs/Image``: RGB (h, w, 3), else (h, w).
 
-    Depth is uint16 in mm or float32 in m (REP 118).
+    Depth is uint16 in mm or float32 in m (REP 118). Colours of 16 bits are brought to 8 by the
+    fewest bits that a sensor has and that hold the largest of them.
 
     Raises
     ------
@@ -223,7 +234,13 @@ def pixels_of_image(message: Mapping[str, Any], limits: Limits | None = None) ->
     pixels = rows.reshape(height, step)[:, :used].copy().view(kind)
     pixels = pixels.astype(kind.newbyteorder("="))
     if code == "u2" and (conversion is not None or channels > 1):
-        pixels = (pixels >> 8).astype(np.uint8)
+        largest = int(pixels.max())
+        bits = next(bits for bits in _COLOUR_BITS if largest < 2**bits)
+        pixels = (pixels >> (bits - 8)).astype(np.uint8)
+    elif code == "i2":
+        pixels = np.maximum(pixels, 0).astype(np.uint16)
+    elif code == "f8":
+        pixels = pixels.astype(np.float32)
     if conversion is not None:
         if width % 2 or (channels == 1 and height % 2):
             raise CloudFormatError(f"Image: {encoding} of {width}x{height} px; sides must be even")

@@ -14,8 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.codec.compressed_depth import decode_compressed_depth, is_compressed_depth
-from features.codec.ros import image_bytes, pixels_of_image, raw_data
-from features.geometry import Float64Array, FloatArray, Frame, UInt8Array, finite_depth
+from features.codec.ros import DEPTH_ENCODINGS, image_bytes, pixels_of_image, raw_data
+from features.geometry import (
+    Float64Array,
+    FloatArray,
+    Frame,
+    UInt8Array,
+    depth_of_steps,
+    finite_depth,
+)
 from features.imaging.camera import Lens, align_colour, undistorted
 
 __all__ = [
@@ -30,9 +37,10 @@ __all__ = [
 PAIRED_S = 0.1
 """Longest time between depth and the colour that belongs to it, s."""
 
-_DEPTH = ("16UC1", "32FC1")
-_NEAREST_M, _FARTHEST_M = 0.05, 10.0
+_NEAREST_M, _FARTHEST_M = 0.1, 6.0
 """Median depth of what a camera at a table may see."""
+_WIDEST_M = 10.0
+"""Median distance from their middle of the points that it may see."""
 _LARGEST_OBJECT_M = 3.0
 """Median distance of an object's points from their middle; a box of millimetres has some 50."""
 
@@ -66,7 +74,7 @@ def implausible_cloud(positions: NDArray[np.float32]) -> str:
     >>> implausible_cloud(np.array([[0, 0, 700], [90, 0, 730], [-80, 10, 690]], np.float32))
     'half of the points lie 81.2 m apart from their middle: are they in another unit?'
     """
-    return _apart(positions, _FARTHEST_M)
+    return _apart(positions, _WIDEST_M)
 
 
 def implausible_object(positions: FloatArray) -> str:
@@ -117,14 +125,14 @@ def depth_of_message(
         pixels = cv2.imdecode(stored, cv2.IMREAD_UNCHANGED)
         if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 2:
             return None
-        return np.asarray(pixels * 0.001, dtype=np.float32)
+        return depth_of_steps(pixels)
     is_grey = message["encoding"] == "mono16" and is_depth_topic
-    if not is_grey and message["encoding"] not in _DEPTH:
+    if not is_grey and message["encoding"] not in DEPTH_ENCODINGS:
         return None
     values = pixels_of_image(message)
     if values.dtype == np.float32:
         return finite_depth(values)
-    return np.asarray(values * 0.001, dtype=np.float32)
+    return depth_of_steps(values)
 
 
 def view_of_images(

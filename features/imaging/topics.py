@@ -10,6 +10,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from features.codec.ros import DEPTH_ENCODINGS
+
 __all__ = [
     "Plan",
     "Topic",
@@ -28,7 +30,6 @@ _COLOURED = re.compile(r"(^|[/_])(rgb|colou?r)([/_\d]|$)", re.I)
 _RECTIFIED = re.compile(r"(^|/)image_rect|(^|[/_])rect(ified)?(/|$)", re.I)
 _OF_DEPTH = re.compile(r"(^|/)depth(_\d+|_image)?(?=/|$)", re.I)
 _ALIGNED = re.compile(r"aligned_depth|depth_registered|depth_to_(rgb|colou?r)", re.I)
-_DEPTH_ENCODINGS = ("16UC1", "32FC1")
 _GREY_ENCODINGS = ("mono8", "8UC1")
 
 
@@ -135,7 +136,7 @@ def plan_topics(topics: Sequence[Topic]) -> Plan:
 
 def _give_part(plan: Plan, topic: Topic, has_space: bool) -> None:
     says, encoding = says_depth(topic.name), topic.encoding
-    is_depth = encoding.startswith(_DEPTH_ENCODINGS) or "compresseddepth" in encoding.lower()
+    is_depth = encoding.startswith(DEPTH_ENCODINGS) or "compresseddepth" in encoding.lower()
     is_small = topic.kind.endswith("CompressedImage") and not encoding.startswith("mono16")
     if is_infrared_topic(topic.name):
         plan.left_out[topic.name] = "infrared, which is neither depth nor colour"
@@ -144,7 +145,11 @@ def _give_part(plan: Plan, topic: Topic, has_space: bool) -> None:
     elif says and (is_depth or encoding == "mono16" or (is_small and "jp" not in encoding.lower())):
         plan.depth[topic.name] = topic
     elif not is_depth and encoding != "mono16" and _draws_depth(topic.name):
-        plan.left_out[topic.name] = f"{encoding} has 8 bits, which is a drawing of depth"
+        plan.left_out[topic.name] = (
+            f"{encoding} has 8 bits, which is a drawing of depth"
+            if "8" in encoding or not topic.kind.endswith("/Image")
+            else f"{encoding} is not read as depth, only {', '.join(DEPTH_ENCODINGS)}"
+        )
     elif (is_depth and has_space and not says) or encoding.startswith("mono16"):
         plan.left_out[topic.name] = f"{encoding} on a topic that does not say that it carries depth"
     elif is_depth:
@@ -192,7 +197,7 @@ def _image_name(topic: str) -> str:
 def _is_colour_beside_depth(topic: Topic) -> bool:
     """Whether a topic is colour in a name space that says depth: /depth_camera/rgb/image_raw."""
     return _COLOURED.search(topic.name) is not None and not topic.encoding.startswith(
-        ("mono16", *_DEPTH_ENCODINGS)
+        ("mono16", *DEPTH_ENCODINGS)
     )
 
 

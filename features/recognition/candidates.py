@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from features.recognition.comparison.all_views import AllViewsParams
 from features.recognition.comparison.confidence import PrintParams
 from features.recognition.confidence import ConfidenceParams
-from features.recognition.index.cascade import squared_distances
+from features.recognition.index.nearest import nearest_rows
 from features.recognition.index.snapshot import Matches, Snapshot
 from features.recognition.rigid import fit_rigid
 from features.recognition.verify import VerifyParams, count_places, fit_affine
@@ -208,9 +208,7 @@ class _Search:
             stored = self.snapshot.stored_view(view)
             if len(stored.descriptors) == 0 or len(self.features) == 0:
                 continue
-            distances = squared_distances(self.features.descriptors, stored.descriptors)
-            row = distances.argmin(axis=1)
-            nearest = distances[np.arange(len(row)), row].astype(np.int64)
+            row, nearest = nearest_rows(self.features.descriptors, stored.descriptors)
             is_own = (matches.view >= 0) & (labels[matches.view] == labels[view])
             rows = np.flatnonzero(
                 self._is_good(nearest, np.where(is_own, matches.rival, matches.nearest))

@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 
 from features.recognition.recogniser import Recognition
 
-__all__ = ["OpenSetScore", "expected_calibration_error", "score_open_set"]
+__all__ = [
+    "OpenSetScore",
+    "calibration_error_by_chance",
+    "expected_calibration_error",
+    "score_open_set",
+]
 
 
 @dataclass(frozen=True)
@@ -96,3 +101,32 @@ def expected_calibration_error(
         chosen = number == b
         gap += chosen.sum() * abs(confidence[chosen].mean() - is_right[chosen].mean())
     return float(gap / len(confidence))
+
+
+def calibration_error_by_chance(
+    confidence: NDArray[np.floating], bins: int = 10, draws: int = 200, seed: int = 0
+) -> float:
+    """Return the mean :func:`expected_calibration_error` if each confidence were exactly true.
+
+    Few answers to a bin are right more or less often than they should be by chance alone: what is
+    measured on so many is not below this, however good the confidences are.
+
+    Parameters
+    ----------
+    confidence : (n,)
+        Of each answer.
+    draws
+        Of what would be right.
+
+    Examples
+    --------
+    >>> sure = np.linspace(0, 1, 100)
+    >>> [round(calibration_error_by_chance(some), 1) for some in (sure, sure[::4])]
+    [0.1, 0.2]
+    """
+    rng = np.random.default_rng(seed)
+    errors = [
+        expected_calibration_error(confidence, rng.random(len(confidence)) < confidence, bins)
+        for _ in range(draws)
+    ]
+    return float(np.mean(errors))

@@ -313,7 +313,7 @@ def _batches(
     gone = np.zeros(len(trials.rows), np.int64)
     done = 0
     for batch in (total,) if plan is None else plan.batches:
-        task = replace(trials, rows=trials.rows[alive])
+        task = trials.among(alive)
         results: list[tuple[Range, IntArray]]
         if codes is None:
             results = watch.run(Counting(task), done, batch)
@@ -331,24 +331,26 @@ def _batches(
         if plan is None or done == total or judged < batch or watch.is_over:
             break
         wins = counts[alive][:, ORDER > 0].sum(axis=1)
-        lots = _lots(trials.rows[alive], seed + done)
-        survivors = _surviving(plan, wins, done, lots)
-        gone[np.delete(alive, survivors)] = done
-        alive = alive[survivors]
+        survivors = _surviving(plan, wins, done, trials.rows[alive], seed)
+        if len(survivors) < len(alive):
+            gone[np.delete(alive, survivors)] = done
+            alive = alive[survivors]
     return gone, done
 
 
 def _surviving(
-    plan: Elimination | Racing, wins: IntArray, done: int, lots: NDArray[np.uint64]
+    plan: Elimination | Racing, wins: IntArray, done: int, rows: FloatArray, seed: int
 ) -> IntArray:
-    """Return which grasps stay, ascending."""
+    """Return which of the grasps (g, 5) stay, ascending."""
     if isinstance(plan, Racing):
-        tried = np.full(len(wins), done)
-        upper = 1 - lower_bound(tried - wins, tried, plan.confidence)
-        best = lower_bound(wins, tried, plan.confidence).max()
-        return np.flatnonzero(upper >= best)
+        # Many grasps have won as often, and the bound of the one that won most is the highest.
+        levels, of_level = np.unique(wins, return_inverse=True)
+        tried = np.full(len(levels), done)
+        upper = 1 - lower_bound(tried - levels, tried, plan.confidence)
+        best = lower_bound(levels[-1:], tried[-1:], plan.confidence)[0]
+        return np.flatnonzero((upper >= best)[of_level])
     count = max(1, math.floor((1 - plan.share) * len(wins) + 0.5 + 1e-9))
-    return np.sort(np.lexsort((lots, -wins))[:count])
+    return np.sort(np.lexsort((_lots(rows, seed + done), -wins))[:count])
 
 
 def _lots(rows: FloatArray, seed: int) -> NDArray[np.uint64]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -32,6 +32,10 @@ _CHUNK = 512
 
 ORDER = np.array(sorted(CODES), np.int8)
 """Results in the order in which they are counted, (k,)."""
+
+_PLACES = np.full(256, len(ORDER), np.int64)
+"""Places in the order by a code taken as an unsigned byte; after the last one = no result."""
+_PLACES[ORDER.view(np.uint8)] = np.arange(len(ORDER))
 
 
 @dataclass(frozen=True)
@@ -138,6 +142,13 @@ class Trials:
             part_key(part, seed),
         )
 
+    def among(self, grasps: IntArray) -> Trials:
+        """Return the trials of some of the grasps, by index."""
+        some = replace(self, rows=self.rows[grasps])
+        # The outline is the same: a race would find its curves again after every ten trials.
+        some.__dict__["curves"] = self.curves
+        return some
+
     @cached_property
     def curves(self) -> Curves:
         """Curves of the outline."""
@@ -212,4 +223,9 @@ class Counting:
 
 def count_codes(codes: CodeArray) -> IntArray:
     """Return how often each result of codes (g, n) came, (g, k) in the order of `ORDER`."""
-    return np.stack([(codes == code).sum(axis=1) for code in ORDER], axis=1)
+    width = len(ORDER) + 1
+    cells = (
+        _PLACES[np.ascontiguousarray(codes).view(np.uint8)] + width * np.arange(len(codes))[:, None]
+    )
+    counts = np.bincount(cells.ravel(), minlength=width * len(codes))
+    return counts.reshape(len(codes), width)[:, :-1]

@@ -90,6 +90,7 @@ class Layer:
     def add(self, s: int, p: int, o: int) -> bool:
         """Add a fact; False if it holds already."""
         if self.base.has(s, p, o):
+            # One that was to go stays as it was: nothing of it is staged any more.
             return len(self.removed) > 0 and self.removed.discard(s, p, o)
         return self.added.add(s, p, o)
 
@@ -164,6 +165,7 @@ class Asserted:
 
     def apply(self) -> None:
         """Write the changes into the facts."""
+        # So many that a new table is made sooner than the old one is changed fact by fact.
         if len(self.removed) + len(self.added) >= len(self.facts):
             self.facts.replace(self)
             return

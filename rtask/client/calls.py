@@ -29,6 +29,7 @@ __all__ = [
     "FailureChange",
     "FailureExplained",
     "Feedback",
+    "FollowingJoint",
     "GivenVerdict",
     "GoalPlan",
     "GraspConfidence",
@@ -63,8 +64,10 @@ __all__ = [
     "Reason",
     "RecalledGrasp",
     "RecalledGrasps",
+    "RecalledMotions",
     "Recognition",
     "ReconstructedMesh",
+    "RecordedMotion",
     "RegisteredRobot",
     "ReportedOutcome",
     "ReportedRefusal",
@@ -96,6 +99,7 @@ REPEATABLE = frozenset(
         "register_robot",
         "recognise_for_grasp",
         "recall_grasps",
+        "recall_motions",
         "plan_on_scene",
         "search_object",
         "resolve_request",
@@ -226,6 +230,23 @@ class Look(TypedDict, total=False):
     """height of the table in frame_id; default: lowest point (m)"""
     stamp: float | Mapping[str, int]
     """time of the observation; default: now (s)"""
+
+
+class FollowingJoint(TypedDict, total=False):
+    """A joint of the asking body that shall follow a recorded one."""
+
+    name: Required[str]
+    """of the joint"""
+    recorded: str
+    """name of the recorded joint whose place it takes; default: its own"""
+    scale: float
+    """factor for the recorded value: -1 for a joint that turns the other way; default: 1.0"""
+    offset: float
+    """added after that, rad or m; default: 0.0"""
+    lower: float
+    """lower limit, rad or m; default: none"""
+    upper: float
+    """upper limit, rad or m; default: none"""
 
 
 class SeenThing(TypedDict, total=False):
@@ -602,6 +623,32 @@ class RecalledGrasps(TypedDict):
     label: str
     grasps: list[RecalledGrasp]
     grasps_left_out: int
+
+
+class RecordedMotion(TypedDict):
+    """The movement of one attempt."""
+
+    attempt: str
+    robot: str
+    model: str
+    hand: str
+    object: str
+    grasp: str
+    held: bool
+    ended: str
+    fit: Literal["same_body", "retargeted", "other_body"]
+    why_not: str
+    joints: list[str]
+    times: list[float]
+    positions: list[float]
+
+
+class RecalledMotions(TypedDict):
+    """Movements of other robots and of one's own, those that can be followed first."""
+
+    motions: list[RecordedMotion]
+    refused: list[RecordedMotion]
+    motions_left_out: int
 
 
 class PlannedGrasps(TypedDict):
@@ -1456,6 +1503,40 @@ class Calls(ABC):
             include grasps from any direction, not only from above; default: True
         """
         answer: RecalledGrasps = self._operate("recall_grasps", locals())
+        return answer
+
+    def recall_motions(
+        self,
+        *,
+        object: str | None = None,
+        gripper_id: str | None = None,
+        joints: Sequence[FollowingJoint | Mapping[str, Any]] | None = None,
+        held: bool | None = None,
+        any_body: bool | None = None,
+        max_motions: int | None = None,
+        max_samples: int | None = None,
+    ) -> RecalledMotions:
+        """List movements that robots recorded, as far as one can follow them.
+
+        Parameters
+        ----------
+        object
+            IRI, objectId or name of the object that was grasped; default: any
+        gripper_id
+            name or IRI of the hand that shall follow; default: the robot's only one
+        joints
+            joints that shall follow; default: the recorded ones, so that only the same body can
+        held
+            only movements of attempts that held; default: True
+        any_body
+            also return the movements of other bodies, as recorded, for a caller that adapts them;
+            default: False
+        max_motions
+            maximum number of movements; default: 3
+        max_samples
+            maximum number of samples of each, at equal steps of time; default: 200
+        """
+        answer: RecalledMotions = self._operate("recall_motions", locals())
         return answer
 
     def plan_in_space(

@@ -87,8 +87,10 @@ def plan_goal(
         problem, assumed = _with_assumptions(task, problem, require_time)
         obstacles = explain_unsolvable(problem, task.mendable, require_time)
     problem = _chosen(task, problem)
+    # The goals are fewer now: what stood in the way of the others does not matter any more.
     if any(target.aim.number is not None for target in task.targets):
         obstacles = explain_unsolvable(problem, task.mendable, require_time)
+    # A plan for what is possible is worth more than none; what is left out is told as refused.
     possible = _without(problem, obstacles)
     steps = _search(possible, max_states, require_time) if possible.goals else None
     return _result(select, given, task, problem, obstacles, steps, assumed)

@@ -202,6 +202,8 @@ class FrameTree:
 
     def is_of_robot(self, frame: str) -> bool:
         """Whether a frame belongs to a robot, which may move while what it saw stays."""
+        # By its IRI, which has the robot's as its beginning: this is asked for every frame on every
+        # way.
         robot, located, _ = frame.rpartition("/frame/")
         if not located:
             return False
@@ -237,6 +239,7 @@ class FrameTree:
     def _step(self, frame: str, time_s: float) -> _Step:
         """Return where a frame stands at a time."""
         placement = self._placement_at(frame, time_s)
+        # Two poses that began at once contradict each other: neither is the more recent one.
         rival = None if placement is None else self._rival_at(frame, time_s)
         node = iri(frame)
         parents = {parent.value for parent in self._named(node, RT.parentFrame)}

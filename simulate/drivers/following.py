@@ -115,12 +115,15 @@ class FollowingArm(ABC):
         try:
             check = self.carry_out(piece)
             measured = self.measured()
+            # A way shorter than the tolerance ends where it began, as far as that tells: there,
+            # half of it has to be gone.
             if np.abs(piece.positions[-1] - before).max() > self.arrived_rad:
                 check_at_goal(piece, self._joints, measured, self.arrived_rad)
             else:
                 check_arrival(piece, self._joints, measured, before, self.arrived_rad)
             if check is not None:
                 check(measured)
+        # Ctrl-C as well: whoever presses it wants the arm to stop.
         except BaseException:
             self.stop()
             raise

@@ -87,6 +87,7 @@ def grasp(
     driver.follow(join([plan.free, plan.approach]))
     driver.move_hand(0.0)
     openings, heights = {"close": driver.opening()}, [_tool_height(driver, plan, cell)]
+    # A hand that closed fully has nothing to lift, and lifting would prove nothing.
     if openings["close"] <= CLOSED_ON_SOMETHING:
         held = Judgement("no", f"opening {openings['close']:.2f} after closing")
     else:
@@ -96,6 +97,7 @@ def grasp(
         openings["hold"] = driver.opening()
         heights.append(_tool_height(driver, plan, cell))
         held = judge_held(openings, heights[-1] - heights[0])
+        # It is put back where it stood before the hand opens.
         driver.follow(reverse(plan.lift))
     driver.move_hand(plan.opening)
     driver.follow(reverse(join([plan.free, plan.approach])))

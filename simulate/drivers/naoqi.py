@@ -101,6 +101,8 @@ class NaoqiArm(FollowingArm):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        # After an error the arm may hold something over somebody: limp, it would drop that and
+        # itself.
         if kind is None:
             self.close()
         else:
@@ -202,6 +204,7 @@ class NaoqiArm(FollowingArm):
 
     def _own_tasks(self, moving: Any, others: set[int]) -> set[int]:
         """Return the task that a motion just became; none if it ended before."""
+        # The call does not return its task's number: it is the one that was not there before.
         until = time.monotonic() + _TASK_S
         while moving.isRunning() and time.monotonic() < until:
             own = self._tasks(self._motion) - others

@@ -181,6 +181,7 @@ class RosbridgeArm(FollowingArm):
 
     def _carried_out(self, goal: str, way: Trajectory, watch: MotionWatch) -> GoalEnd:
         """Send a goal, and return how it ended."""
+        # States are subscribed to before the goal is sent, so that its very first ones are watched.
         with self._subscribed(self._link):
             for message in self._goals.begin(goal, goal_message(way, self._joints)):
                 self._link.send(**message)
@@ -231,10 +232,12 @@ class RosbridgeArm(FollowingArm):
     @contextlib.contextmanager
     def _subscribed(self, link: _Link) -> Iterator[None]:
         """Have the joint states sent."""
+        # Only while they are read: states that pile up on the link would be old when they are.
         link.send(op="subscribe", topic=self._topic, type="sensor_msgs/JointState")
         try:
             yield
         finally:
+            # The error that ended the block says more than that this failed, too.
             with contextlib.suppress(RemoteUnavailableError):
                 link.send(op="unsubscribe", topic=self._topic)
 
@@ -250,6 +253,7 @@ class RosbridgeArm(FollowingArm):
         state = message.get("msg") if message.get("op") == "publish" else None
         if message.get("topic") != self._topic or not isinstance(state, dict):
             return None
+        # What is no list of names is passed on: whoever reads the state says what is wrong with it.
         names = state.get("name")
         if isinstance(names, list) and not any(name in self._joints for name in names):
             return None

@@ -59,6 +59,15 @@ _LEAVING: Mapping[tuple[str, str], float] = {
     ("placed", "palm"): 0.01,
 }
 """The open hand may still be around what it has put down when its way home begins."""
+_LETTING_GO: Mapping[tuple[str, str], float] = {
+    **_LEAVING,
+    ("placed", "finger"): np.inf,
+    ("placed", "palm"): 0.02,
+}
+_SLANTS = ((0.030, 0.030), (0.030, 0.050), (0.015, 0.040), (0.015, 0.060))
+"""Ways up and away from the shoulder, m, to where the arm does not get straight up."""
+_BACK_M = 0.045
+"""By which the hand backs off from what it has put down there, m."""
 
 
 @dataclass(frozen=True)
@@ -217,22 +226,63 @@ def plan_place(
     rise = _climb(chain, loaded, around, slack, rise)
     if loaded.clearances(rise[-1:], around, slack)[0] < -_LOAD_TOLERANCE:
         return "place_plan"
+    hold = _Hold(space, plan, load, loaded, around, rise)
     for ground, (release, above) in product(spot.grounds, spot.descents):
         for (x, y), closing in spot.turned:
-            height = ground + tool_over_bottom + release
-            goal = Goal(np.array([x, y, height]), closing, approach, chain.orients_freely)
+            position = np.array([x, y, ground + tool_over_bottom + release])
+            goal = Goal(position, closing, approach, chain.orients_freely)
             options = _IK if closing is None else _TURNED_IK
             postures = solve_ik(chain, goal, rng, options, warm=start[None])
             for posture in _most_upright(chain, postures, upright, start):
                 line = follow_line(chain, posture, np.array([0.0, 0.0, above]), tolerance=0.006)
                 if line is None or (loaded.clearances(line, around, slack) < 0).any():
                     continue
-                planned = _complete(space, plan, loaded, around, rise, line, goal.position)
+                planned = _complete(hold, line, position)
                 if planned is not None and not spot.walled:
-                    return _clear_of(space, plan, around, load, line, planned)
+                    return _clear_of(hold, line, planned)
                 if planned is not None:
                     return planned
+    if spot.walled or chain.orients_freely:
+        return "place_plan"
+    for x, y in spot.centres:
+        position = np.array([x, y, spot.floor + tool_over_bottom + _GENTLE[0]])
+        postures = solve_ik(chain, Goal(position), rng, _IK, warm=start[None])
+        aslant = _aslant(hold, _most_upright(chain, postures, upright, start), position)
+        if aslant is not None:
+            return aslant
     return "place_plan"
+
+
+@dataclass(frozen=True, eq=False)
+class _Hold:
+    """A held object, the arm that carries it, and what stands around.
+
+    ``rise`` (k, dof) are the postures up from which its transport begins.
+    """
+
+    space: ArmSpace
+    plan: PlannedGrasp
+    load: Load
+    loaded: ArmSpheres
+    around: Surroundings
+    rise: Floats
+
+    @property
+    def chain(self) -> Chain:
+        """Joints of the arm."""
+        return self.space.chains[self.plan.arm]
+
+    @property
+    def empty(self) -> ArmSpheres:
+        """Collision model of the arm whose open hand has let go."""
+        return self.space.spheres(self.plan.arm, self.plan.opening)
+
+    def with_placed(self, posture: Floats) -> Surroundings:
+        """Return what stands around, and the object where it is let go in a posture."""
+        base_from_load = _pose(*(part[0] for part in self.chain.tool_poses(posture[None])))
+        base_from_load = base_from_load @ self.load.tool_from_load
+        at, rotation = base_from_load[:3, 3], base_from_load[:3, :3]
+        return self.around.with_obstacles([Obstacle("placed", at, self.load.size / 2, rotation)])
 
 
 def plan_rise(space: ArmSpace, plan: PlannedGrasp, start: Floats, height: float) -> Trajectory:
@@ -244,39 +294,11 @@ def plan_rise(space: ArmSpace, plan: PlannedGrasp, start: Floats, height: float)
     return time_path(line, SPEED["lift"] * chain.velocity, CARRYING_ACCELERATION)
 
 
-def _complete(
-    space: ArmSpace,
-    plan: PlannedGrasp,
-    loaded: ArmSpheres,
-    around: Surroundings,
-    rise: Floats,
-    line: Floats,
-    tool: Floats,
-) -> PlacePlan | None:
-    chain = space.chains[plan.arm]
-    transport = space.path(
-        plan.arm,
-        loaded,
-        around,
-        rise[-1],
-        line[-1],
-        plan.seed,
-        SPEED["transport"],
-        CARRYING_ACCELERATION,
-        _LOAD_TOLERANCE,
-        _CARRYING,
-    )
-    if isinstance(transport, str):
-        return None
-    if len(rise) > 1:
-        up = time_path(rise, SPEED["lift"] * chain.velocity, CARRYING_ACCELERATION)
-        transport = join([up, transport])
-    home = np.array(space.robot.arm(plan.arm).home)
-    empty = space.spheres(plan.arm, plan.opening)
-    back = space.path(
-        plan.arm, empty, around, line[-1], home, plan.seed, SPEED["return"], allowed=_CARRYING
-    )
-    if isinstance(back, str):
+def _complete(hold: _Hold, line: Floats, tool: Floats) -> PlacePlan | None:
+    """Return the plan that goes down a line (k, dof), given upwards, and up it again; or none."""
+    chain = hold.chain
+    transport, back = _transport(hold, line[-1]), _way_home(hold, hold.around, line[-1])
+    if transport is None or back is None:
         return None
     return PlacePlan(
         transport,
@@ -287,26 +309,74 @@ def _complete(
     )
 
 
-def _clear_of(
-    space: ArmSpace,
-    plan: PlannedGrasp,
-    around: Surroundings,
-    load: Load,
-    line: Floats,
-    planned: PlacePlan,
-) -> PlacePlan:
-    """Return the plan with a way home that stays clear of the placed object, if there is one."""
-    chain = space.chains[plan.arm]
-    base_from_load = _pose(*(p[0] for p in chain.tool_poses(line[:1]))) @ load.tool_from_load
-    placed = Obstacle("placed", base_from_load[:3, 3], load.size / 2, base_from_load[:3, :3])
-    home = np.array(space.robot.arm(plan.arm).home)
-    back = space.path(
-        plan.arm, space.spheres(plan.arm, plan.opening), around.with_obstacles([placed]),
-        line[-1], home, plan.seed, SPEED["return"], allowed=_LEAVING,
+def _transport(hold: _Hold, goal: Floats) -> Trajectory | None:
+    """Return the way of the held object to over its place, if there is one."""
+    plan, chain, rise = hold.plan, hold.chain, hold.rise
+    transport = hold.space.path(
+        plan.arm, hold.loaded, hold.around, rise[-1], goal, plan.seed, SPEED["transport"],
+        CARRYING_ACCELERATION, _LOAD_TOLERANCE, _CARRYING,
     )  # fmt: skip
-    if isinstance(back, str):
+    if isinstance(transport, str):
+        return None
+    if len(rise) > 1:
+        up = time_path(rise, SPEED["lift"] * chain.velocity, CARRYING_ACCELERATION)
+        transport = join([up, transport])
+    return transport
+
+
+def _way_home(
+    hold: _Hold,
+    around: Surroundings,
+    start: Floats,
+    allowed: Mapping[tuple[str, str], float] = _CARRYING,
+) -> Trajectory | None:
+    """Return the way home of the empty hand, if there is one."""
+    arm = hold.plan.arm
+    home = np.array(hold.space.robot.arm(arm).home)
+    back = hold.space.path(
+        arm, hold.empty, around, start, home, hold.plan.seed, SPEED["return"], allowed=allowed
+    )
+    return None if isinstance(back, str) else back
+
+
+def _aslant(hold: _Hold, postures: Floats, tool: Floats) -> PlacePlan | None:
+    """Return a plan that comes down from farther away, for a place near the shoulder, or none.
+
+    There an arm does not get straight up. The open hand leaves the object as it would leave one
+    that it did not grasp, back along its approach.
+    """
+    chain = hold.chain
+    _, shoulder = chain.link_frames(postures)
+    slack = hold.loaded.slack(hold.around, _CARRYING)
+    for posture, first in zip(postures, shoulder[:, 0], strict=True):
+        away = (tool - first) * [1.0, 1.0, 0.0]
+        away /= max(float(np.linalg.norm(away)), 1e-6)
+        rotation, _ = chain.tool_poses(posture[None])
+        placed = hold.with_placed(posture)
+        touching = hold.empty.slack(placed, _LETTING_GO)
+        leave = follow_line(chain, posture, -_BACK_M * rotation[0, :, 2], tolerance=0.006)
+        if leave is None or (hold.empty.clearances(leave, placed, touching) < 0).any():
+            continue
+        for up, out in _SLANTS:
+            line = follow_line(chain, posture, out * away + [0.0, 0.0, up], tolerance=0.006)
+            if line is None or (hold.loaded.clearances(line, hold.around, slack) < 0).any():
+                continue
+            home = _way_home(hold, placed, leave[-1], _LEAVING)
+            transport, back = _transport(hold, line[-1]), _way_home(hold, hold.around, line[-1])
+            if home is None or transport is None or back is None:
+                continue
+            lower = time_path(line[::-1], SPEED["approach"] * chain.velocity, CARRYING_ACCELERATION)
+            away_from_it = time_path(leave, 2 * SPEED["approach"] * chain.velocity)
+            return PlacePlan(transport, lower, join([away_from_it, home]), back, tool)
+    return None
+
+
+def _clear_of(hold: _Hold, line: Floats, planned: PlacePlan) -> PlacePlan:
+    """Return the plan with a way home that stays clear of the placed object, if there is one."""
+    back = _way_home(hold, hold.with_placed(line[0]), line[-1], _LEAVING)
+    if back is None:
         return planned
-    up = time_path(line, 2 * SPEED["approach"] * chain.velocity)
+    up = time_path(line, 2 * SPEED["approach"] * hold.chain.velocity)
     return replace(planned, retreat=join([up, back]))
 
 

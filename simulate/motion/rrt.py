@@ -103,6 +103,7 @@ class _Tree:
         return len(self._parents) - 1
 
     def nearest(self, q: Floats) -> int:
+        # Squares suffice for the nearest; this is where a search spends its time beside the checks.
         difference = self._nodes[: len(self._parents)] - q
         return int(np.argmin(np.einsum("nd,nd->n", difference, difference)))
 
@@ -152,6 +153,7 @@ def _extend(tree: _Tree, target: Floats, is_free: IsFree, options: PlanOptions) 
     q = tree.node(near)
     difference = target - q
     length = float(np.max(np.abs(difference)))
+    # The sample is a posture of the tree: a way of no length has no direction.
     if length < 1e-9:
         return near
     new = q + difference * min(1.0, options.step / length)
@@ -176,6 +178,7 @@ def shortcut(
     for _ in range(options.shortcuts):
         if len(corners) <= 2:
             break
+        # Points on the edges, too: cuts between corners alone leave the bends of the search.
         first, second = np.sort(rng.random(2) * (len(corners) - 1))
         i, j = int(first), int(second)
         if i == j:
@@ -184,6 +187,7 @@ def shortcut(
         b = corners[j] + (second - j) * (corners[min(j + 1, len(corners) - 1)] - corners[j])
         if edge_is_free(a, b, is_free, options.resolution):
             corners = [*corners[: i + 1], a, b, *corners[j + 1 :]]
+    # Points that coincide would give a piece of the trajectory no time.
     keep = [corners[0]]
     keep += [q for q in corners[1:] if np.max(np.abs(q - keep[-1])) > 1e-6]
     return np.array(keep)

@@ -243,8 +243,11 @@ def _print(outcome: Outcome, is_shown: bool, print_table: PrintTable) -> None:
 def _save(outcome: Outcome, folder: Path) -> None:
     if outcome.result is None:
         return
+    from simulate.thesis.charts import pictures_of
+
     folder.mkdir(parents=True, exist_ok=True)
-    for number, picture in enumerate(outcome.result.pictures.values(), 1):
+    pictures = pictures_of(outcome.entry, outcome.result)
+    for number, picture in enumerate(pictures.values(), 1):
         suffix = "png" if isinstance(picture, bytes) else "svg"
         data = picture if isinstance(picture, bytes) else picture.encode("utf-8")
         path = folder / f"{outcome.entry.name}-{number}.{suffix}"

@@ -18,11 +18,14 @@ _OTHERS = "a system of others, in a survey"
 ENTRIES = (
     _none("fig", "1.1", "1.1", "robots and the cloud", why="an illustration"),
     _shown("experiment", "collective-learning", "1.2",
-           "sharing of trajectories, control policies and outcomes", run="shared_policy:policies",
+           "sharing of control policies and outcomes", run="shared_policy:policies",
            why="a robot finds the policy of another by its environment, uses it and goes on "
            "learning; outcomes, and the belief in each grasp that follows from them, are shared by "
-           "all robots (beyond-lessons); the joints of an attempt are stored with it and exported, "
-           "but no robot is offered the trajectory of another: docs/recordings.md"),
+           "all robots (beyond-lessons)"),
+    _shown("experiment", "trajectories", "1.2", "sharing of trajectories",
+           run="remembered:motions", material="simulated arms that plan",
+           why="recall_motions offers the movements of others in the joints of the robot that "
+           "asks, and says why it cannot follow the rest: docs/recordings.md"),
     *(
         _none("fig", f"2.{number}", section, shows, why=_OTHERS)
         for number, section, shows in (

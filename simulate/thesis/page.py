@@ -10,6 +10,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from simulate.thesis.charts import pictures_of
 from simulate.thesis.result import Setting
 from simulate.thesis.running import Outcome
 from simulate.thesis.words import COLUMNS, VERDICTS, cells, distinct, tolerances, worse_rows
@@ -113,7 +114,7 @@ def _html_result(outcome: Outcome) -> list[str]:
         parts += _html_table(COLUMNS, [cells(row, outcome) for row in result.rows])
     notes = (*result.notes, *tolerances(result.rows))
     parts += [f'<p class="note">{escape(note)}</p>' for note in notes]
-    for caption, picture in result.pictures.items():
+    for caption, picture in pictures_of(outcome.entry, result).items():
         if isinstance(picture, bytes):
             data = base64.b64encode(picture).decode("ascii")
             drawn = f'<img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
@@ -128,7 +129,8 @@ def write_markdown(
 ) -> Path:
     """Write ``theses.md`` and ``images/theses/``; return the file.
 
-    One picture of each run is written, unless it is large; the HTML report has all.
+    One picture of each run is written, unless it is large; the HTML report has all, and charts of
+    the figures of runs that draw none.
     """
     pictures = folder / "images" / "theses"
     pictures.mkdir(parents=True, exist_ok=True)

@@ -61,7 +61,7 @@ def nao_2(guarded: RunningServer, make_token: MakeToken) -> Iterator[httpx.Clien
 def robot(server: RunningServer, token: str) -> httpx.Client:
     """Return a client that shows a token."""
     return httpx.Client(
-        base_url=server.url, headers={"Authorization": f"Bearer {token}"}, timeout=30
+        base_url=server.url, headers={"Authorization": f"Bearer {token}"}, timeout=60
     )
 
 
@@ -76,5 +76,5 @@ def base(guarded: RunningServer) -> str:
 @pytest.fixture
 def client(server: RunningServer) -> Iterator[httpx.Client]:
     """A program without a token."""
-    with httpx.Client(base_url=server.url, timeout=30) as connected:
+    with httpx.Client(base_url=server.url, timeout=60) as connected:
         yield connected

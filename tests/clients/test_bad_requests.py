@@ -123,7 +123,7 @@ def test_a_body_that_is_cut_off_is_not_executed(
         "POST /update HTTP/1.1\r\nHost: localhost\r\n"
         f"Content-Type: application/sparql-update\r\nContent-Length: {len(whole)}\r\n\r\n"
     )
-    with socket.create_connection(("127.0.0.1", server.port), timeout=10) as connection:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=60) as connection:
         connection.sendall((head + whole[:-20]).encode())
     query = {"query": "ASK { GRAPH <urn:g:cut> { ?s ?p ?o } }"}
     assert client.get("/sparql", params=query).json()["boolean"] is False
@@ -157,7 +157,7 @@ def test_nowhere_is_404_with_a_problem_for_programs_and_a_page_for_people(
 
 def raw(server: RunningServer, text: str) -> tuple[str, bytes]:
     """Send bytes as they are; return the head of the answer and its body."""
-    with socket.create_connection(("127.0.0.1", server.port), timeout=10) as connection:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=60) as connection:
         connection.sendall(text.encode())
         received = b""
         while piece := connection.recv(65_536):

@@ -106,7 +106,7 @@ def allowing(elsewhere: str) -> Iterator[RunningServer]:
 
 @pytest.fixture
 def client(allowing: RunningServer) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=allowing.url, timeout=30) as connected:
+    with httpx.Client(base_url=allowing.url, timeout=60) as connected:
         yield connected
 
 

@@ -33,7 +33,7 @@ class Events:
         self, url: str, method: str = "GET", headers: Any = None, body: Any = None
     ) -> None:
         parts = urlsplit(url)
-        self._connection = http.client.HTTPConnection(parts.netloc, timeout=30)
+        self._connection = http.client.HTTPConnection(parts.netloc, timeout=60)
         self._connection.connect()
         self._socket = self._connection.sock
         kind = {} if body is None else {"Content-Type": "application/json"}
@@ -83,7 +83,7 @@ class Events:
     def close(self) -> None:
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
-        self._thread.join(10)
+        self._thread.join(60)
         self.response.close()
         self._connection.close()
 
@@ -97,7 +97,7 @@ class Events:
 def write(server: RunningServer, *numbers: int, subject: str = "urn:s") -> None:
     for number in numbers:
         text = f"INSERT DATA {{ GRAPH <{GRAPH}> {{ <{subject}> <urn:p> {number} }} }}"
-        httpx.post(f"{server.url}/update", data={"update": text}, timeout=30).raise_for_status()
+        httpx.post(f"{server.url}/update", data={"update": text}, timeout=60).raise_for_status()
 
 
 def changes(server: RunningServer, **parameters: str) -> str:
@@ -108,7 +108,7 @@ def changes(server: RunningServer, **parameters: str) -> str:
 def followed(server: RunningServer) -> Iterator[RunningServer]:
     yield server
     text = f"DROP SILENT GRAPH <{GRAPH}>"
-    httpx.post(f"{server.url}/update", data={"update": text}, timeout=30)
+    httpx.post(f"{server.url}/update", data={"update": text}, timeout=60)
 
 
 def test_a_commit_arrives_with_its_statements_and_its_version(followed: RunningServer) -> None:
@@ -229,7 +229,7 @@ def test_a_large_commit_is_shortened_and_can_be_fetched_whole(followed: RunningS
     with Events(changes(followed, s="urn:s")) as events:
         events.next()
         text = f"INSERT DATA {{ GRAPH <{GRAPH}> {{ {many} }} }}"
-        httpx.post(f"{followed.url}/update", data={"update": text}, timeout=30)
+        httpx.post(f"{followed.url}/update", data={"update": text}, timeout=60)
         told = events.next()
     assert told is not None
     assert told["data"]["truncated"] is True
@@ -256,7 +256,7 @@ def say(socket: ClientConnection, **message: Any) -> dict[str, Any]:
 
 
 def hear(socket: ClientConnection) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(socket.recv(timeout=20))
+    found: dict[str, Any] = json.loads(socket.recv(timeout=60))
     return found
 
 
@@ -343,7 +343,7 @@ def test_a_follower_that_does_not_read_harms_nobody(followed: RunningServer) -> 
                 f"INSERT DATA {{ GRAPH <{GRAPH}> {{ <urn:s> <urn:p> {number} ; "
                 f'<urn:words> "{number}{words}" }} }}'
             )
-            done = httpx.post(f"{followed.url}/update", data={"update": text}, timeout=30)
+            done = httpx.post(f"{followed.url}/update", data={"update": text}, timeout=60)
             assert done.status_code == 204
         events.next()
         seen = [events.next() for _ in range(20)]

@@ -74,7 +74,7 @@ class Lab:
         """Return a connected client of rosbridge."""
         bearer = {"Authorization": f"Bearer {self.tokens[who]}"}
         client = roslibpy.Ros("127.0.0.1", self.server.port, headers=bearer)
-        client.run(timeout=30)
+        client.run(timeout=60)
         return client
 
     def close(self) -> None:
@@ -150,7 +150,7 @@ def test_the_same_over_rosbridge_and_subscribers_hear_of_it(lab: Lab) -> None:
         roslibpy.Service(person, *service).call(
             roslibpy.ServiceRequest({"operation": "spilt", "object": one["object"]}), timeout=60
         )
-    until = time.monotonic() + 20
+    until = time.monotonic() + 60
     commits = {int(done["commit"][2:]), int(named["commit"][2:])}
     while not commits <= {one["commit"] for one in heard} and time.monotonic() < until:
         time.sleep(0.05)
@@ -207,11 +207,11 @@ def test_a_merge_cut_short_is_wholly_there_or_absent(tmp_path: Path) -> None:
 
         busy = threading.Thread(target=go_on)
         busy.start()
-        until = time.monotonic() + 30
+        until = time.monotonic() + 60
         while len(commits) < 2 and time.monotonic() < until:
             time.sleep(0.01)
         running.process.send_signal(signal.SIGKILL)
-        running.process.wait(20)
+        running.process.wait(60)
         busy.join(60)
     assert len(commits) >= 2
     with rtask.open(folder) as kb, Engine(kb) as engine:

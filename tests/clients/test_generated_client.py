@@ -120,11 +120,16 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
     thing = stored.to_dict()["object"]
     again = {"data": seen_from_above(seed=41, noise_seed=2), **SIGHT, "gripper_id": "right_hand"}
     told = call("recognise_for_grasp", again).to_dict()
-    outcome = {"task_id": told["task_id"], "grasp": stored.to_dict()["grasp"], "success": True}
+    outcome = {"task_id": told["task_id"], "grasp": stored.to_dict()["grasp"]}
+    moved = {"joints": ["RElbowYaw"], "times": [0, 1], "positions": [0, 0.5], "commands": [0, 0.5]}
+    outcome["outcome"] = {"success": True, "motion": moved}
     call("report_outcome", {**outcome, "gripper_id": "right_hand"})
     refused = call("recognise_for_grasp", {**again, "min_grasp": 1.0}).to_dict()["decision"]
     call("report_refusal", {"refusal": refused["refusal"], "response": "left_alone"})
     assert call("recall_grasps", {"object": thing}).to_dict()["grasps"]
+    follows = {"gripper_id": "right_hand", "joints": [{"name": "RElbowYaw", "scale": -1}]}
+    (moved,) = call("recall_motions", follows).to_dict()["motions"]
+    assert (moved["fit"], moved["positions"]) == ("same_body", [-0.0, -0.5])
     assert thing in json.dumps(call("search_object", again).to_dict())
     call(
         "resolve_request",

@@ -128,7 +128,7 @@ def test_a_hostile_update_ends_while_others_are_served(server: RunningServer, se
             assert client.post("/update", content=insert, headers=UPDATE).status_code == 204
             served += 1
             time.sleep(0.05)
-    attacker.join(timeout=30)
+    attacker.join(timeout=60)
     assert answers
     assert answers[0].status_code in (204, 400, 503, 504), answers[0].text
     assert served > 0
@@ -173,7 +173,7 @@ def stopped_beside(running: RunningServer, work: Callable[[], httpx.Response]) -
     assert spent - at_signal < ENDS_S
     assert running.stop() == 0
     caller.join(timeout=60)
-    assert not psutil.wait_procs(children, timeout=10)[1]
+    assert not psutil.wait_procs(children, timeout=60)[1]
     return answers[0]
 
 

@@ -29,7 +29,7 @@ def test_acknowledged_transactions_are_there_and_none_is_there_in_part(tmp_path:
     enough, stop = threading.Semaphore(0), threading.Event()
 
     def write() -> None:
-        with rtask.open(f"http://127.0.0.1:{port}/sparql", timeout_s=20) as kb:
+        with rtask.open(f"http://127.0.0.1:{port}/sparql", timeout_s=60) as kb:
             for number in itertools.count():
                 if stop.is_set():
                     return

@@ -36,7 +36,7 @@ def server() -> Iterator[RunningServer]:
 
 @pytest.fixture(scope="module")
 def described(server: RunningServer) -> dict[str, Any]:
-    found: dict[str, Any] = httpx.get(f"{server.url}/openapi.json", timeout=30).json()
+    found: dict[str, Any] = httpx.get(f"{server.url}/openapi.json", timeout=60).json()
     return found
 
 

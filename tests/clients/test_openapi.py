@@ -35,7 +35,7 @@ def described(client_of_module: httpx.Client) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def client_of_module(server: RunningServer) -> Any:
-    with httpx.Client(base_url=server.url, timeout=30) as connected:
+    with httpx.Client(base_url=server.url, timeout=60) as connected:
         yield connected
 
 
@@ -212,7 +212,7 @@ def test_schemathesis_finds_no_server_error_and_no_undescribed_answer(
             @bounded
             @given(case=operation.as_strategy(generation_mode=mode))
             def attack(case: Any) -> None:
-                response = case.call(timeout=30)
+                response = case.call(timeout=60)
                 statuses.append(response.status_code)
                 case.validate_response(response, checks=wanted)
 

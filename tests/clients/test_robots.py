@@ -54,7 +54,7 @@ def ros(server: RunningServer) -> Iterator[roslibpy.Ros]:
 
 def call(ros: roslibpy.Ros, name: str, args: dict[str, Any] | None = None) -> Any:
     service = roslibpy.Service(ros, name, "rtask/Any")
-    return service.call(roslibpy.ServiceRequest(args or {}), timeout=20)
+    return service.call(roslibpy.ServiceRequest(args or {}), timeout=60)
 
 
 def test_roslibpy_calls_a_service_of_the_engine(ros: roslibpy.Ros) -> None:
@@ -86,7 +86,7 @@ def test_a_topic_travels_from_one_robot_to_another(
     listener.subscribe(lambda message: (messages.append(message), heard.set()))
     with connect(server.websocket) as other:
         other.send(json.dumps({"op": "advertise", "topic": "/battery", "type": "std_msgs/Float32"}))
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + 60
         while not heard.is_set() and time.monotonic() < deadline:
             # The subscription travels on its own connection; say it until it has arrived.
             other.send(json.dumps({"op": "publish", "topic": "/battery", "msg": {"data": 0.8}}))
@@ -112,7 +112,7 @@ def test_the_messages_of_the_thesis_are_answered(server: RunningServer) -> None:
     """Gatto 2016, 3.2.4: the printed cloud is cut off, so the answer says that it is none."""
     with connect(server.url.replace("http", "ws") + "/rosbridge") as robot:
         robot.send(json.dumps(SEARCH))
-        answer = json.loads(robot.recv(timeout=20))
+        answer = json.loads(robot.recv(timeout=60))
     assert answer["op"] == "search_object_response"
     assert (answer["service"], answer["result"], answer["similar_objects"]) == ("query", False, [])
     assert answer["error"].startswith("args: ")
@@ -191,9 +191,9 @@ def test_a_token_in_the_header_names_the_robot(guarded: RunningServer, make_toke
     call_ = {"op": "call_service", "service": "/rtask/register_robot"}
     with connect(guarded.websocket, additional_headers=bearer(token)) as robot:
         robot.send(json.dumps({**call_, "args": {"name": "ws-1", **ROBOT}}))
-        assert json.loads(robot.recv(timeout=20))["result"] is True
+        assert json.loads(robot.recv(timeout=60))["result"] is True
         robot.send(json.dumps({**call_, "args": {"name": "another", **ROBOT}}))
-        assert json.loads(robot.recv(timeout=20))["result"] is False
+        assert json.loads(robot.recv(timeout=60))["result"] is False
 
 
 def test_a_token_in_the_address_is_refused(guarded: RunningServer, make_token: Any) -> None:
@@ -216,7 +216,7 @@ def test_a_ticket_opens_one_websocket_and_no_second(
         register = {"op": "call_service", "service": "/rtask/register_robot",
                     "args": {"name": "ws-ticket", **ROBOT}}  # fmt: skip
         robot.send(json.dumps(register))
-        assert json.loads(robot.recv(timeout=20))["result"] is True
+        assert json.loads(robot.recv(timeout=60))["result"] is True
     assert status_of_handshake(f"{guarded.websocket}?token={ticket}") == 401
     another = httpx.post(f"{guarded.url}/tokens/ticket", headers=header).json()["ticket"]
     # In a header it is no token: only websockets take it.
@@ -249,8 +249,8 @@ def test_a_flood_of_calls_is_answered_in_full_and_harms_no_other_robot(
         for number in range(500):
             flood.send(json.dumps({**call_, "id": number}))
         other.send(json.dumps({"op": "call_service", "service": "/rosapi/get_time"}))
-        assert json.loads(other.recv(timeout=20))["result"] is True
-        answers = [json.loads(flood.recv(timeout=30)) for _ in range(500)]
+        assert json.loads(other.recv(timeout=60))["result"] is True
+        answers = [json.loads(flood.recv(timeout=60)) for _ in range(500)]
     assert sorted(answer["id"] for answer in answers) == list(range(500))
     assert {answer["result"] for answer in answers} == {False}
     assert {answer["status"] for answer in answers} <= {422, 503}
@@ -265,7 +265,7 @@ def test_a_robot_cannot_write_for_another_over_any_way_in(
         robot.send(
             json.dumps({"op": "call_service", "service": "/rtask/register_robot", "args": other})
         )
-        refused = json.loads(robot.recv(timeout=20))
+        refused = json.loads(robot.recv(timeout=60))
     assert (refused["result"], refused["status"]) == (False, 403)
     header = bearer(token)
     over_http = httpx.post(f"{guarded.url}/engine/register_robot", json=other, headers=header)

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.commands import run_program
+
 ROOT = Path(__file__).resolve().parents[2]
 _TOP = [ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")]
 PAGES = sorted([*_TOP, *(ROOT / "docs").glob("**/*.md")])
@@ -68,9 +70,11 @@ def test_python_examples_of_a_page_run_in_order(page: Path, tmp_path: Path) -> N
         pytest.skip("no Python example on this page")
     program = tmp_path / "example.py"
     program.write_text("\n".join(blocks), encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, str(program)], cwd=tmp_path, capture_output=True, text=True, timeout=120
-    )
+    if page in _TOP:
+        command = [sys.executable, str(program)]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    else:  # in a fork of a process that has imported it all, a second of processor time less
+        done = run_program(program.read_text("utf-8"), folder=tmp_path)
     assert done.returncode == 0, done.stderr[-2000:]
 
 

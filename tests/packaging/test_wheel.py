@@ -133,6 +133,44 @@ def test_every_link_of_every_page_leads_somewhere_with_any_extras(
     assert len(visits) >= count
 
 
+_STUDIES = ("simulate/study/", "simulate/thesis/", "simulate/fleet/")
+_MODULES = """import atexit, os, sys
+from pathlib import Path
+def write(to=Path(sys.argv.pop(1))):
+    (to / str(os.getpid())).write_text("\\n".join(sys.modules))
+atexit.register(write)
+from rtask.cli import main
+main()
+"""
+"""Runs a command, and writes into a folder which modules each process had loaded at its end."""
+
+
+def test_studies_weigh_little_in_the_wheel_and_nothing_in_the_base(
+    wheel: Path, base: Installation, tmp_path: Path
+) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        sizes = {entry.filename: entry.compress_size for entry in archive.infolist()}
+    studies = sum(size for name, size in sizes.items() if name.startswith(_STUDIES))
+    assert 0 < studies < 0.1 * sum(sizes.values())
+    (told := tmp_path / "modules").mkdir()
+    command = [str(base.folder / "bin" / "python"), "-c", _MODULES, str(told)]
+    store = tmp_path / "store"
+    with running_server(store, command=command, environment=base.environment) as server:
+        assert httpx.get(f"{server.url}/").status_code == 200
+        answer = httpx.get(f"{server.url}/sparql", params={"query": "ASK { ?s ?p ?o }"})
+        assert answer.json()["boolean"] is True
+    asked = base.run(command[0], *command[1:], "stats", "-d", store, folder=tmp_path)
+    assert asked.returncode == 0, asked.stderr
+    loaded = {name for file in told.iterdir() for name in file.read_text().splitlines()}
+    assert {"rtask.kb.core", "endpoint.server"} <= loaded, "what was loaded is not told"
+    folders = tuple(folder.replace("/", ".") for folder in _STUDIES)
+    assert not sorted(name for name in loaded if f"{name}.".startswith(folders))
+    for name in ("study", "thesis"):
+        done = base.run("rtask", name, folder=tmp_path)
+        assert done.returncode == 3
+        assert f"rtask {name} needs the extra 'simulate'" in done.stderr
+
+
 def test_the_base_says_which_extra_a_demo_needs(base: Installation, tmp_path: Path) -> None:
     done = base.run("rtask", "demo", folder=tmp_path)
     wanted = "rtask demo needs the extra 'simulate': pip install 'rtask-kg[simulate]'"

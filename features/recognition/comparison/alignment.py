@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
-from features.recognition.index.cascade import nearest_both_ways
+from features.recognition.index.nearest import nearest_both_ways
 from features.recognition.verify import AffineFit, VerifyParams, fit_affine
 
 __all__ = ["Alignment", "AlignmentParams", "Keypoints", "align_views", "mutual_matches"]

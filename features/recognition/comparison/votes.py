@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
 from features.recognition.comparison.facts_file import FactsFile, FiledView, content_digest
-from features.recognition.index.cascade import FAR, squared_distances
+from features.recognition.index.nearest import FAR, nearest_rows
 from features.recognition.index.snapshot import Snapshot
 
 __all__ = [
@@ -276,7 +276,7 @@ def nearest_views(
     for k, block in enumerate(blocks):
         if len(block) == 0 or n == 0:
             continue
-        distance = squared_distances(query, block).min(axis=1).astype(np.int32)
+        distance = nearest_rows(query, block)[1]
         closer, other = distance < nearest, label_of[first] != labels[k]
         # What was nearest is the rival of another label; of the same one, the rival stays.
         moved = closer & other

@@ -17,25 +17,20 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
+from features.recognition.index.nearest import FAR, squared_distances
 
 __all__ = [
-    "FAR",
     "MAX_CANDIDATES",
     "build_tables",
     "hamming_distance",
     "match_exact",
     "match_flat",
     "match_tables",
-    "nearest_both_ways",
     "squared_distance",
-    "squared_distances",
 ]
 
 Rows = NDArray[np.int32]
 Codes = NDArray[np.uint64]
-
-FAR = 2**31 - 1
-"""Squared distance of a neighbour that does not exist."""
 
 MAX_CANDIDATES = 10
 """Candidates measured exactly for each query descriptor; all ties of the last one come along."""
@@ -387,73 +382,6 @@ def match_flat(
     return best, nearest, rival_row, rival
 
 
-def squared_distances(query: UInt8Array, stored: UInt8Array) -> NDArray[np.float32]:
-    """Return all squared distances (n, N), exact: every number is whole and below 2**24."""
-    a, b = query.astype(np.float32), stored.astype(np.float32)
-    norms = (b * b).sum(axis=1)[None, :] + (a * a).sum(axis=1)[:, None]
-    distances: NDArray[np.float32] = a @ b.T
-    distances *= -2.0
-    distances += norms
-    return distances
-
-
-def nearest_both_ways(
-    query: UInt8Array, stored: UInt8Array
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the nearest neighbours of two sets in each other, of equal ones the first.
-
-    Parameters
-    ----------
-    query : (n, 128) uint8
-    stored : (N, 128) uint8
-        At least two.
-
-    Returns
-    -------
-    best : (n,) intp
-    best_back : (N,) intp
-    nearest, second : (n,) float32
-        Squared distances of each query descriptor to the two that are nearest to it.
-
-    Examples
-    --------
-    >>> stored = np.array([[0] * 128, [9] * 128, [10] * 128], np.uint8)
-    >>> [numbers.tolist() for numbers in nearest_both_ways(stored[2:], stored)]
-    [[2], [0, 0, 0], [0.0], [128.0]]
-    """
-    a, b = query.astype(np.float32), stored.astype(np.float32)
-    return _nearest_of_products(a @ b.T, (a * a).sum(axis=1), (b * b).sum(axis=1))
-
-
-@nb.njit(cache=True, nogil=True)
-def _nearest_of_products(
-    products: NDArray[np.float32], norms: NDArray[np.float32], stored_norms: NDArray[np.float32]
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the same from the inner products (n, N) and the squared lengths.
-
-    All are whole numbers. Loops over integers without branches become vector instructions.
-    """
-    n, m = products.shape
-    best, nearest, second = np.empty(n, np.intp), np.empty(n, np.float32), np.empty(n, np.float32)
-    back, nearest_back = np.zeros(m, np.int32), np.full(m, FAR, np.int32)
-    lengths, distances = stored_norms.astype(np.int32), np.empty(m, np.int32)
-    for i in range(n):
-        length, least = np.int32(norms[i]), np.int32(FAR)
-        for j in range(m):
-            distance = length + lengths[j] - 2 * np.int32(products[i, j])
-            distances[j] = distance
-            is_nearer = distance < nearest_back[j]
-            nearest_back[j] = distance if is_nearer else nearest_back[j]
-            back[j] = i if is_nearer else back[j]
-            least = min(least, distance)
-        first = 0
-        while distances[first] != least:
-            first += 1
-        distances[first] = FAR
-        best[i], nearest[i], second[i] = first, least, distances.min()
-    return best, back.astype(np.intp), nearest, second
-
-
 def match_exact(
     query: UInt8Array, stored: UInt8Array, row_labels: NDArray[np.int32]
 ) -> tuple[Rows, Rows, Rows, Rows]:
@@ -482,7 +410,7 @@ def match_exact(
     rival_row, rival = np.full(n, -1, np.int32), np.full(n, FAR, np.int32)
     if len(stored) == 0 or n == 0:
         return rival_row.copy(), rival.copy(), rival_row, rival
-    distances = squared_distances(query, stored)
+    distances = squared_distances(query, stored).astype(np.float64)
     best = distances.argmin(axis=1).astype(np.int32)
     nearest = distances[np.arange(n), best].astype(np.int32)
     distances[row_labels[None, :] == row_labels[best][:, None]] = np.inf

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
+from features.recognition.index.nearest import inner_products
 
 __all__ = ["CODE_BITS", "TABLES", "TABLE_BITS", "Hasher", "used_table_bits"]
 
@@ -64,9 +65,8 @@ class Hasher:
 
     Notes
     -----
-    Projections are rounded to whole numbers of at most 9 bits. Every partial sum of a projection
-    then is a whole number below 2**24, which float32 holds exactly: the product gives the same
-    bits on every platform, whatever the order in which its BLAS adds.
+    Projections are whole numbers of at most 9 bits: the product gives the same bits on every
+    platform.
 
     Examples
     --------
@@ -105,10 +105,10 @@ class Hasher:
         """
         if descriptors.ndim != 2 or descriptors.shape[1] != 128:
             raise ValueError(f"descriptors must have shape (n, 128), got {descriptors.shape}")
-        centred = descriptors.astype(np.float32) - self.mean.astype(np.float32)
-        signs = centred @ self.code_projections.T.astype(np.float32) > 0
+        centred = descriptors.astype(np.int16) - self.mean
+        signs = inner_products(centred, self.code_projections) > 0
         codes = np.packbits(signs, axis=1, bitorder="little").view("<u8").astype(np.uint64)
-        signs = centred @ self.table_projections.T.astype(np.float32) > 0
+        signs = inner_products(centred, self.table_projections) > 0
         weights = np.uint32(1) << np.arange(TABLE_BITS, dtype=np.uint32)
         per_table = signs.reshape(len(centred), TABLES, TABLE_BITS)
         buckets = (per_table * weights).sum(axis=-1, dtype=np.uint32)

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
 from features.recognition.index.cascade import (
-    FAR,
     MAX_CANDIDATES,
     build_tables,
     hamming_distance,
     squared_distance,
 )
 from features.recognition.index.hashing import Hasher, used_table_bits
+from features.recognition.index.nearest import FAR
 
 __all__ = ["HashedImage", "match_images"]
 

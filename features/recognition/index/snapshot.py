@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
-from features.recognition.index.cascade import FAR, match_exact, match_flat, match_tables
+from features.recognition.index.cascade import match_exact, match_flat, match_tables
 from features.recognition.index.hashing import Hasher
+from features.recognition.index.nearest import FAR
 from features.recognition.index.segments import Block
 from features.recognition.views.appearance import colour_of
 from features.recognition.views.light import spread

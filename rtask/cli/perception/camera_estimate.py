@@ -104,6 +104,7 @@ def _depth(folder: Path, file: Path, view: View) -> NDArray[np.float32]:
     import numpy as np
 
     from features.codec.limits import Limits
+    from features.geometry import depth_of_steps
 
     beside = sorted(path for path in folder.iterdir() if path.stem == file.stem)
     if len(beside) != 1:
@@ -111,7 +112,7 @@ def _depth(folder: Path, file: Path, view: View) -> NDArray[np.float32]:
     image = read_image(beside[0], _bytes(beside[0]), Limits())
     if image.dtype != np.uint16 or image.ndim != 2:
         raise ValueError(f"{beside[0].name} is no depth image of 16 bits")
-    return (image * view.depth_unit_m).astype(np.float32)
+    return depth_of_steps(image, view.depth_unit_m)
 
 
 def _bytes(file: Path) -> bytes:

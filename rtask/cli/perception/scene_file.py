@@ -290,6 +290,7 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
     import numpy as np
 
     from features.codec.image_header import bits_of, is_cut_off
+    from features.geometry import depth_of_steps
     from features.imaging.photo import read_photo
     from features.imaging.pictures import implausible_depth
 
@@ -307,7 +308,7 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
         raise UsageError(f"{file} is a colour image of 16 bits; save it with 8 bits a channel")
     if not 1e-6 <= view.depth_unit_m <= 1.0:
         raise UsageError(f"--depth-unit {view.depth_unit_m} m: expected 0.000001 to 1")
-    depth_m = (depth * view.depth_unit_m).astype(np.float32)
+    depth_m = depth_of_steps(depth, view.depth_unit_m)
     _say_doubt(file, implausible_depth(depth_m))
     return _with_colour(depth_m, view, read_cameras(depth.shape, view), limits)
 

@@ -17,6 +17,7 @@ from rtask.engine.operations.feedback import give_feedback
 from rtask.engine.operations.grasps import recall_grasps
 from rtask.engine.operations.insert import insert_object
 from rtask.engine.operations.mesh import reconstruct_mesh
+from rtask.engine.operations.motions import recall_motions
 from rtask.engine.operations.operation import Operation
 from rtask.engine.operations.outcome import report_outcome
 from rtask.engine.operations.planned import plan_in_space
@@ -44,6 +45,7 @@ _ALL: tuple[Operation[Any, Any], ...] = (
     register_robot,
     recognise_for_grasp,
     recall_grasps,
+    recall_motions,
     plan_in_space,
     plan_on_scene,
     reconstruct_mesh,

@@ -343,11 +343,15 @@ def _state_motion(context: Context, triples: Triples, attempt: Attempt) -> None:
         "outcome.motion",
     )
     blob = context.kb.blobs.put(motion.to_bytes(), MEDIA_TYPE)
+    node = iri(f"{attempt.attempt.value}/motion")
     triples.node(
-        iri(f"{attempt.attempt.value}/motion"),
+        node,
         [RT.JointTrajectory],
         {RT.hasBlob: triples.blob(blob), PROV.wasGeneratedBy: attempt.attempt},
     )
+    # With the recording, because a robot may be registered with another body later on.
+    for quad in context.kb.match(attempt.gripper.robot, RT.hasRobotModel):
+        triples.add(node, RT.ofRobotModel, quad.object)
 
 
 def _state_pictures(context: Context, triples: Triples, attempt: Attempt) -> None:

@@ -8,12 +8,10 @@ from __future__ import annotations
 import datetime as dt
 import logging
 import threading
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Any
-
-from pyoxigraph import Quad
 
 from rtask.errors import (
     InconsistentError,
@@ -40,24 +38,22 @@ from rtask.kb.rules.rule import Rule
 from rtask.kb.rules.rulebook import changed
 from rtask.kb.store.apply import apply
 from rtask.kb.store.collector import collector_paused
+from rtask.kb.store.commit_writes import MAX_LATE, all_writes, with_union
 from rtask.kb.store.embedded import LARGE
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.late_notes import LateNotes
 from rtask.kb.store.overlay import Overlay
-from rtask.kb.store.quads import Derived, InGraph, QuadChain, parts_of, quads_written
+from rtask.kb.store.quads import Derived, QuadChain
 from rtask.kb.store.replacement import ReplacementError, is_large_removal, replace_contents
-from rtask.kb.store.union import Copies, is_empty, union_change
 from rtask.kb.store.writes import Writes
-from rtask.rdf.terms import DEFAULT, LONG_AGO, GraphName
+from rtask.rdf.terms import LONG_AGO, GraphName
 
 __all__ = ["Committer"]
 
 _log = logging.getLogger(__name__)
 PROOF_BUDGET = 20_000
 """Steps of the search for what an identity rests on."""
-MAX_LATE = 1_000
-"""Changes with more statements store their notes at once: it costs them little."""
 
 
 @dataclass
@@ -120,6 +116,7 @@ class Committer:
             check_blobs(change, self.blobs)
         derived, staged, aside = self._settle(change, request, names)
         try:
+            # Shapes see what is derived, too: checked after it, and before anything is stored.
             validator = self.validator
             report = ValidationReport() if validator is None else validator.check(change, derived)
             stored = self._store(change, derived, staged, request)
@@ -222,6 +219,7 @@ class Committer:
         """Refuse what may not be written now; return whether the change is empty."""
         if self.interrupted:
             raise StoreError("a write was interrupted; open the knowledge base again")
+        # A disk that was full leaves the store refusing everything, even when there is room again.
         if self.store.is_stuck:
             self.store.reopen()
         is_empty = change.is_empty()  # a store elsewhere may learn here of other commits
@@ -282,6 +280,7 @@ class Committer:
         """Derive what follows, and move what contradicts the rest to quarantine."""
         assert self.inference is not None
         seq, inference, graphs = self.last_seq + 1, self.inference, self.graphs
+        # Names give way first: what others said of them must not send their author's to quarantine.
         while names is not None:
             derived, staged, clashes = inference.try_stage(change, rules, budget)
             if staged is not None:
@@ -318,6 +317,7 @@ class Committer:
                 if sets_aside:
                     return self._set_aside(change, rules, budget, names)
                 derived, staged, clashes = self.inference.try_derive(gained, lost, rules, budget)
+            # It goes on in another process, so that writers do not wait for it behind the lock.
             except (TooMuchFollowsError, NeedsRebuildError):
                 break
             if not clashes:
@@ -361,15 +361,17 @@ class Committer:
                 request.kinds, request.sources, self._sizes(request, change, derived), current
             )
             notes = self.catalogue.record(change, derived, record, facts)
-        whole = _whole(change, derived, notes)
+        whole = all_writes(change, derived, notes)
+        # The journal first: from here on the next opening completes the commit, however this ends.
         self.journal.append(record, whole)
         self.interrupted = True
         try:
             if is_large_removal(self.store, whole):
+                # Killed on the way, only the journal knows how to go on.
                 self.journal.sync(record.seq)
                 replace_contents(self.store, whole)
             else:
-                now = whole if late is None else _whole(change, derived, Overlay(self.store))
+                now = whole if late is None else all_writes(change, derived, Overlay(self.store))
                 self._write(now, change, record.seq)
         except ReplacementError:
             raise  # the journal keeps the commit, and opening the folder again completes it
@@ -380,8 +382,10 @@ class Committer:
                 self.store.is_stuck = True
                 raise StorageFullError("no room in the store; nothing was stored") from error
             raise
+        # Not before: notes of a commit that failed would be stored with the next one.
         if late is not None:
             late.add(notes)
+        # After the store, which cannot be made from the closure; the closure can from the store.
         if staged is not None:
             staged.apply()
         self._advance(record, notes, change)
@@ -391,27 +395,8 @@ class Committer:
     def _write(self, writes: Writes, change: Overlay, seq: int) -> None:
         """Change the store, and the union in it."""
         if not (self.plain or self.store.is_view):
-            # What is derived or large is copied as it is: the store ignores what it holds, and
-            # looking up every statement of a file costs more.
-            parts = parts_of(writes.added)
-            whole = [part for part in parts if isinstance(part, InGraph)]
-            looked_up = QuadChain(*(part for part in parts if not isinstance(part, InGraph)))
-            copied = [part.triples for part in whole if Graphs.is_joined(part.graph)]
-            copies: list[Collection[Quad]] = [InGraph(triples, DEFAULT) for triples in copied]
-            # A new knowledge base, into which the ontology goes, has nothing to look up.
-            if not writes.removed and len(looked_up) > MAX_LATE and is_empty(self.store):
-                copies.append(Copies(looked_up))
-                looked_up = QuadChain()
             fresh = (self.graphs.provenance,)
-            union = union_change(
-                self.store, writes.removed, looked_up, fresh, copied, change.holders
-            )
-            writes = replace(
-                writes,
-                removed=QuadChain(writes.removed, union.removed),
-                added=QuadChain(union.added, *copies, writes.added),
-                has_union=True,
-            )
+            writes = with_union(self.store, writes, fresh, change.holders)
         if len(writes.added) > LARGE:
             self.journal.sync(seq)
         apply(self.store, writes)
@@ -483,18 +468,3 @@ class Committer:
     def _unchanged(self, request: Request) -> Change:
         commit = Commit(self.last_seq, 0, 0, 0, dt.datetime.now(dt.UTC), None)
         return Change(commit, request.access.agent, request.note, (), (), (), ())
-
-
-def _whole(change: Overlay, derived: Derived, notes: Overlay) -> Writes:
-    """Return all that a commit changes in named graphs."""
-    return Writes(
-        QuadChain(change.removed, derived.removed, notes.removed),
-        QuadChain(*_written_if_large(change.added), *_written_if_large(derived.added), notes.added),
-        list(change.created),
-        list(change.dropped),
-        inferred=derived.inferred,
-    )
-
-
-def _written_if_large(quads: Collection[Quad]) -> list[InGraph] | list[Collection[Quad]]:
-    return quads_written(quads) if len(quads) > LARGE else [quads]

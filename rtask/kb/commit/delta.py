@@ -264,6 +264,8 @@ class _Runner:
         delete = self._template(operation, operation.delete, home)
         insert = self._template(operation, operation.insert, home)
         names = templates.variables([*delete, *insert])
+        # All solutions are those of the state before the operation (SPARQL 1.1 Update, 3.1.3):
+        # nothing is changed while they are read.
         removed: list[Quad] = []
         added: list[Quad] = []
         for solution in self._solutions(operation, names):
@@ -271,6 +273,7 @@ class _Runner:
                 templates.fill(delete, solution, home, fresh=False), stored=True
             )
             added += self.meter.quads(templates.fill(insert, solution, home, fresh=True))
+        # Deletes come first there, so that a statement on both sides stays.
         for quad in removed:
             self.overlay.remove(stored_quad(quad))
         for quad in added:
@@ -280,6 +283,7 @@ class _Runner:
         assert operation.where is not None
         where = self.update.source(operation.where)
         default, named = self._dataset(operation)
+        # While nothing pends the store can answer by itself, without a scratch copy.
         if self.overlay.is_empty():
             solutions = _select(
                 self.overlay.store, operation, where, names, default, named, self.dataset.base
@@ -324,8 +328,11 @@ class _Runner:
             default = named = [g for g in names_now if isinstance(g, NamedNode)]
         functions[_RECORD] = record
         functions[_UNBOUND] = lambda: unbound
+        # A function is not called with an unbound argument, and its solution would be lost.
         values = ", ".join(f"COALESCE(?{name}, {_UNBOUND}())" for name in names)
         scope, clauses = _scope(default, named)
+        # The filter keeps nothing, so that nothing is inserted: it is there to have the function
+        # called.
         operations.append(
             f"{scope}INSERT {{ <urn:x> <urn:x> ?rtaskRecord }} {clauses} WHERE {{ {where} "
             f"BIND({_RECORD}({values}) AS ?rtaskRecord) FILTER(?rtaskRecord = 0) }}"
@@ -381,6 +388,7 @@ class _Runner:
         self.access.require_write(target, operation.kind)
         if operation.kind == "MOVE":
             self.access.require_write(source, operation.kind)
+        # No operation is performed then (SPARQL 1.1 Update, 3.2.3 to 3.2.5).
         if source == target:
             return
         is_default = operation.source is not None and operation.source.scope == "DEFAULT"
@@ -391,6 +399,7 @@ class _Runner:
             self.overlay.clear(target, drop=False)
         for quad in self.meter.quads(quads, stored=True):
             self.overlay.add(Quad(quad.subject, quad.predicate, quad.object, target))
+        # The target of an empty graph is an empty graph, and not none.
         self.overlay.create(target)
         if operation.kind == "MOVE":
             self.overlay.clear(source, drop=True)
@@ -403,6 +412,8 @@ class _Runner:
         raise DataError(f"{operation.kind}: graph {graph} does not exist", missing=str(graph))
 
     def _load(self, operation: Operation) -> None:
+        # The server would fetch for callers what only it can reach, such as pages of its own
+        # network.
         if not operation.silent:
             raise ForbiddenError(
                 "LOAD is switched off; load a file with `rtask load` or kb.load()",
@@ -465,6 +476,7 @@ def _run_and_roll_back(
         with store.complete():
             store.update(text, base_iri=base, custom_functions=functions)
     except RuntimeError as error:
+        # The dry run ends in a CREATE of what is there: the store then undoes all of the update.
         if "already exists" not in str(error):
             raise DataError(f"the update cannot be evaluated: {error}") from error
         return

@@ -49,6 +49,10 @@ class Expiry:
         self._thread: threading.Thread | None = None
         self._closed = False
 
+    def clock(self) -> dt.datetime:
+        """Return the time by which statements expire."""
+        return dt.datetime.now(dt.UTC)
+
     def start(self) -> None:
         """Read the expiry times in the store."""
         self._note(list(self._store.quads_for_pattern(None, VALID_UNTIL, None, None)))
@@ -75,7 +79,7 @@ class Expiry:
             with self._changed:
                 if self._closed:
                     return
-                now = dt.datetime.now(dt.UTC).timestamp()
+                now = self.clock().timestamp()
                 if not self._heap or self._heap[0] > now:
                     wait = self._heap[0] - now if self._heap else _MAX_WAIT_S
                     self._changed.wait(min(wait, _MAX_WAIT_S))
@@ -91,7 +95,7 @@ class Expiry:
 
     def expire(self) -> int:
         """Withdraw expired statements in one commit; return how many."""
-        now = dt.datetime.now(dt.UTC)
+        now = self.clock()
         overlay = self._writer.begin()
         try:
             count = self._withdraw(overlay, now)

@@ -133,6 +133,7 @@ class Inference:
         """
         from reasoner import ClosureTooLargeError
 
+        # None until it has followed: after an error it is made again, rather than lag behind.
         closure, self._closure = self._closure, None
         if closure is None or changed is None:
             return
@@ -165,6 +166,7 @@ class Inference:
         return {name: size for name, size in sizes.items() if size}
 
     def _present(self, triples: Collection[TripleKey]) -> list[TripleKey]:
+        # One request for all to a store elsewhere, instead of one for each.
         self._store.prefetch({subject for subject, _, _ in triples})
         return [triple for triple in triples if self._holds(triple)]
 

@@ -111,6 +111,8 @@ class Places:
             self._taken -= 1
             self._heavy -= heavy
             self._updating -= update
+            # All of them: one that is woken alone may be barred from this place, and another could
+            # take it.
             self._changed.notify_all()
 
     def _is_barred(self, update: bool) -> bool:
@@ -164,6 +166,7 @@ class RefusedTexts:
 
 
 def _key(kind: bytes, text: str) -> bytes:
+    # The text itself may be a megabyte, and hold what is nobody's business.
     return hashlib.sha256(kind + text.encode()).digest()
 
 

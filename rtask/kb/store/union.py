@@ -56,6 +56,7 @@ def union_change(
     is_joined = _Cached(Graphs.is_joined)
     new = {triple_key(quad): quad for quad in added if is_joined[quad.graph_name]}
     gone = {quad: None for quad in removed if is_joined[quad.graph_name]}
+    # A store elsewhere is asked once about all of these, not once about each.
     store.prefetch(
         [q.subject for q in gone] + [q.subject for q in new.values() if q.graph_name not in fresh]
     )
@@ -138,6 +139,7 @@ def _lost(
         if sum(map(store.count, graphs)) <= _MAX_HELD_RATIO * len(gone):
             held = {triple_key(quad) for quad in remaining(store, gone, graphs)}
             return [key for key in losers if key not in held]
+    # For a single triple the look-up below costs as much as this one.
     if len(losers) > 1:
         holders.find(losers)
     lost = []

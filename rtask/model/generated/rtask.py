@@ -1417,11 +1417,15 @@ class JointTrajectory(InformationEntity):
     ----------
     has_waypoint
         A point of the trajectory; the times order them.
+    of_robot_model
+        Make and version of the robot whose joints a recorded movement has; it stays when the
+        robot gets another body.
     """
 
     __iri__: ClassVar[str] = _RT + "JointTrajectory"
 
     has_waypoint: Links[JointWaypoint] = Links(_RT + "hasWaypoint", _RT + "JointWaypoint")
+    of_robot_model: Links[RobotModel] = Links(_RT + "ofRobotModel", _RT + "RobotModel")
 
 
 class JointValue(InformationEntity):

@@ -62,6 +62,7 @@ def claim_step(
     if not kb.match(iri(robot), RDF.type, CORA.Robot):
         raise UnknownTermError(f"the graph has no robot {robot}")
     time = now or dt.datetime.now(dt.UTC)
+    # Before the transaction: actions hardly ever change, and other writers need not wait for them.
     actions = read_actions(kb.select, kb.catalogue.is_ontology)
     with kb.transaction(access=access, note="claim a task") as tx:
         plans = read_queue(kb)
@@ -71,6 +72,7 @@ def claim_step(
             return choice
         until = time + dt.timedelta(seconds=lease_s)
         if choice.claim is not None:
+            # A renewal by a shorter lease takes nothing back of what was granted.
             if until > choice.claim.until:
                 tx.add(choice.claim.iri, RT.claimedUntil, until)
             return choice
@@ -102,6 +104,7 @@ def failing(kb: GraphCore, actions: Sequence[ActionClass], step: QueuedStep) -> 
             return f"the step has all of {', '.join(pattern.arguments)}"
         text = pattern.sparql
         bound = {f"p{n}": iri(value) for n, value in enumerate(values, 1)}
+        # Joined to the pattern, not written into its text: an IRI is data, whatever it consists of.
         rows = " ".join(str(value) for value in bound.values())
         variables = " ".join(f"?{name}" for name in bound)
         asked = f"ASK {{ VALUES ({variables}) {{ ({rows}) }} {text} }}"
@@ -147,9 +150,11 @@ def end_claim(
     with kb.transaction(access=access, note=f"end a claim: {result}") as tx:
         plans = read_queue(kb)
         last = _last_claim(_step(plans, task)[1], robot)
+        # Said again because the answer was lost: it is to count once.
         if last is not None and last.result == result:
             return None
         _, step, claim = live_claim(plans, robot, task, time)
+        # A clock that was set back meanwhile must not end the claim before it began.
         tx.add(claim.iri, PROV.endedAtTime, max(time, claim.begun))
         tx.add(claim.iri, RT.claimResult, result)
         if comment:

@@ -245,8 +245,10 @@ class PlacementIndex:
     def _on_commit(self, change: Change) -> None:
         self._cache.forget(change)
         with self._lock:
+            # The first question reads everything; until then there is nothing to follow.
             if not self._is_filled:
                 return
+            # Noted only, and read with the next question: commits do not wait for this index.
             for quad in (*change.added, *change.removed):
                 if quad.predicate in _WATCHED and isinstance(quad.subject, NamedNode):
                     self._touched.add(quad.subject.value)
@@ -269,6 +271,7 @@ class PlacementIndex:
     def _renew(self, node: str) -> None:
         k = self._row_of.pop(node, None)
         if k is not None:
+            # The row stays until the next sorting, so that the numbers of all others stay true.
             self._gone.add(k)
         self._tail.remove(node)
         placement = self._cache.read(node)

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from simulate.grasping.placing import PlaceSpot, plan_place
+from simulate.grasping.placing import PlacePlan, PlaceSpot, plan_place
 from simulate.grasping.planning import GraspPlanner
+from simulate.grasping.rules import PlannedGrasp
 from simulate.grasping.table_reach import requests_for
 from simulate.motion.arm_space import ArmSpace
 from simulate.motion.collision import Obstacle
@@ -23,11 +24,14 @@ from simulate.world.scene import Placement, arrange
 from simulate.world.seeds import mix_seed, stream
 from simulate.world.world import PlaceBox
 
-__all__ = ["TABLES", "run_trial"]
+__all__ = [
+    "BEFORE", "TABLES", "Cell", "LaidTable", "cell_of", "lay_table", "plan_item", "run_trial",
+    "ways_of",
+]  # fmt: skip
 
 TABLES = ("open", "boards")
 """Things on a table; the same with boards that stand on it, around which the arm has to go."""
-_LAY, _PLAN, _BEFORE = 81, 82, 83
+_LAY, _PLAN, BEFORE = 81, 82, 83
 _BOARDS = 7
 _BOARD_M = ((0.010, 0.02), (0.10, 0.25), (0.6, 1.3))
 """Ranges of thickness and length, m, and of the height as a share of that of the hand at home."""
@@ -37,7 +41,7 @@ _SIDES = ("left", "right")
 
 
 @dataclass(frozen=True)
-class _Cell:
+class Cell:
     """A robot that plans at its table; nothing moves."""
 
     robot: RobotDescription
@@ -50,7 +54,7 @@ class _Cell:
 
 
 @dataclass(frozen=True)
-class _Laid:
+class LaidTable:
     """What stands on a table."""
 
     things: Sequence[Placement]
@@ -66,27 +70,27 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """
     kind = TABLES[number % len(TABLES)]
     robot, seed = str(settings["robot"]), int(settings["seed"])
-    cell, count = _cell(robot), int(settings["things"])
-    table = _lay(cell, stream(seed, _LAY, number), count, kind)
+    cell, count = cell_of(robot), int(settings["things"])
+    table = lay_table(cell, stream(seed, _LAY, number), count, kind)
     remembered = _paths_of(robot, seed, int(settings["before"]), count, kind)
     rows = []
     for item in range(len(table.things)):
         key = mix_seed(seed, _PLAN, number, item)
         both = {}
         for way, memory in (("anew", PathMemory(recalls=False)), ("recalled", _copy(remembered))):
-            both[way] = _plan(cell, table, item, key, memory)
+            both[way] = plan_item(cell, table, item, key, memory)
         rows.append(both)
     stored = sum(len(paths) for paths in remembered.values())
     return {"kind": kind, "things": rows, "remembered": stored, "says": kind}
 
 
 @lru_cache(maxsize=2)
-def _cell(name: str) -> _Cell:
+def cell_of(name: str) -> Cell:
     robot = describe(name)
     place = robot.workplace
     boxes = {side: PlaceBox.at(place, side, place.table_height) for side in _SIDES}
     walls = [Obstacle.box("box", *wall) for box in boxes.values() for wall in box.walls()]
-    return _Cell(robot, boxes, GraspPlanner(ArmSpace(robot, walls)))
+    return Cell(robot, boxes, GraspPlanner(ArmSpace(robot, walls)))
 
 
 @lru_cache(maxsize=4)
@@ -94,11 +98,11 @@ def _paths_of(
     robot: str, seed: int, before: int, count: int, kind: str
 ) -> Mapping[str, Sequence[RememberedPath]]:
     """Return what the robot remembers after tables that no trial has, by version of its arms."""
-    cell, memory = _cell(robot), PathMemory()
+    cell, memory = cell_of(robot), PathMemory()
     for number in range(before):
-        table = _lay(cell, stream(seed, _BEFORE, TABLES.index(kind), number), count, kind)
+        table = lay_table(cell, stream(seed, BEFORE, TABLES.index(kind), number), count, kind)
         for item in range(len(table.things)):
-            _plan(cell, table, item, mix_seed(seed, _BEFORE, number, item), memory)
+            plan_item(cell, table, item, mix_seed(seed, BEFORE, number, item), memory)
     return memory.paths
 
 
@@ -106,7 +110,7 @@ def _copy(paths: Mapping[str, Sequence[RememberedPath]]) -> PathMemory:
     return PathMemory({version: list(known) for version, known in paths.items()})
 
 
-def _lay(cell: _Cell, rng: np.random.Generator, count: int, kind: str) -> _Laid:
+def lay_table(cell: Cell, rng: np.random.Generator, count: int, kind: str) -> LaidTable:
     place = cell.robot.workplace
     things = arrange(sample_products("light", rng, count), rng, workplace=place)
     obstacles = [_standing(placement, place.table_height) for placement in things]
@@ -116,7 +120,7 @@ def _lay(cell: _Cell, rng: np.random.Generator, count: int, kind: str) -> _Laid:
         middles = np.array([[p.x, p.y, place.table_height] for p in things])
         if _distances(board, middles).min() > _CLEAR_M:
             boards.append(board)
-    return _Laid(things, obstacles, boards)
+    return LaidTable(things, obstacles, boards)
 
 
 def _standing(placement: Placement, floor: float) -> Obstacle:
@@ -125,7 +129,7 @@ def _standing(placement: Placement, floor: float) -> Obstacle:
     return Obstacle.box("neighbour", centre, extent, placement.yaw)
 
 
-def _board(cell: _Cell, rng: np.random.Generator) -> Obstacle:
+def _board(cell: Cell, rng: np.random.Generator) -> Obstacle:
     """Draw a board that stands somewhere on the table."""
     place = cell.robot.workplace
     arm = next(iter(cell.robot.arms.values()))
@@ -144,7 +148,9 @@ def _distances(board: Obstacle, points: np.ndarray[Any, Any]) -> np.ndarray[Any,
     return np.asarray(np.linalg.norm(np.maximum(local - board.half[:2], 0.0), axis=1))
 
 
-def _plan(cell: _Cell, table: _Laid, item: int, seed: int, memory: PathMemory) -> dict[str, Any]:
+def plan_item(
+    cell: Cell, table: LaidTable, item: int, seed: int, memory: PathMemory
+) -> dict[str, Any]:
     """Plan how a thing gets into the box on its side; return the work and whether there is a way.
 
     ``checks``, ``of_first`` and ``shortening`` are postures of paths alone, ``work`` those of the
@@ -161,7 +167,18 @@ def _plan(cell: _Cell, table: _Laid, item: int, seed: int, memory: PathMemory) -
     }  # fmt: skip
 
 
-def _way_s(cell: _Cell, table: _Laid, item: int, seed: int) -> float | None:
+def _way_s(cell: Cell, table: LaidTable, item: int, seed: int) -> float | None:
+    ways = ways_of(cell, table, item, seed)
+    if ways is None:
+        return None
+    plan, placed = ways
+    return plan.free.duration + placed.transport.duration + placed.retreat.duration
+
+
+def ways_of(
+    cell: Cell, table: LaidTable, item: int, seed: int
+) -> tuple[PlannedGrasp, PlacePlan] | None:
+    """Plan the ways to a thing, into the box on its side and home; None if there are none."""
     placement, place = table.things[item], cell.robot.workplace
     mouth = max(arm.mouth for arm in cell.robot.arms.values())
     pose = (placement.x, placement.y, placement.yaw)
@@ -174,5 +191,5 @@ def _way_s(cell: _Cell, table: _Laid, item: int, seed: int) -> float | None:
         spot = PlaceSpot.in_box(cell.boxes[side], 0, max(placement.spec.extent[:2]))
         placed = plan_place(cell.space, plan, plan.lift.positions[-1], spot)
         if not isinstance(placed, str):
-            return plan.free.duration + placed.transport.duration + placed.retreat.duration
+            return plan, placed
     return None

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from features.recognition import SiftParams
 from features.recognition.homography import count_agreeing
-from features.recognition.index.cascade import nearest_both_ways
 from features.recognition.index.hashing import Hasher
 from features.recognition.index.image_pair import HashedImage, match_images
+from features.recognition.index.nearest import nearest_both_ways
 from features.recognition.views.sift import detect_keypoints
 from rtask.errors import UsageError
 from simulate.thesis.materials.tables_seen import seen_tables

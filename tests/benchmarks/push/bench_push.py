@@ -15,13 +15,14 @@ import sys
 import time
 from collections.abc import Callable
 
-from tests.benchmarks.push.push_checks import bound, box2d, sobol, speed
+from tests.benchmarks.push.push_checks import bound, box2d, sobol, soft, speed
 from tests.benchmarks.push.push_curves import curves
 from tests.benchmarks.push.push_silhouettes import outlines, silhouettes
 
 ALL: dict[str, Callable[[], None]] = {
     "speed": speed,
     "bound": bound,
+    "soft": soft,
     "box2d": box2d,
     "sobol": sobol,
     "silhouettes": silhouettes,

@@ -28,8 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.recognition.candidates import RecogniserParams
-from features.recognition.index.cascade import FAR, build_tables, match_tables
+from features.recognition.index.cascade import build_tables, match_tables
 from features.recognition.index.hashing import TABLE_BITS, Hasher, used_table_bits
+from features.recognition.index.nearest import FAR
 from features.recognition.views.appearance import APPEARANCE_SIZE
 
 PARAMS = RecogniserParams()

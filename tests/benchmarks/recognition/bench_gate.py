@@ -26,7 +26,10 @@ from numpy.typing import NDArray
 from features.recognition import describe_view
 from features.recognition.comparison.confidence import PrintParams, print_score
 from features.recognition.confidence import ConfidenceParams, confidences, decide
-from features.recognition.metrics import expected_calibration_error
+from features.recognition.metrics import (
+    calibration_error_by_chance,
+    expected_calibration_error,
+)
 from tests.benchmarks.recognition.generated_packages import (
     Phone,
     artwork,
@@ -157,7 +160,8 @@ def report(queries: Sequence[Query], decisions: dict[str, Callable[[Query], Deci
             sure, right = (np.array([answer[k] for answer in answers]) for k in (1, 2))
             error = expected_calibration_error(sure, right)
             line += f", unknown accepted {sum(strange)} of {len(strange)}"
-            print(f"{line}, calibration error {error:.3f}")
+            least = calibration_error_by_chance(sure)
+            print(f"{line}, calibration error {error:.3f}, by chance alone {least:.3f}")
         if found["before"]:
             pairs = zip(found["before"], found["now"], strict=True)
             print(f"  difference     {_share([(a[0], b[1] - a[1]) for a, b in pairs])}")

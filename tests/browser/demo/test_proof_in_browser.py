@@ -44,7 +44,7 @@ def test_the_pick_of_the_audience_is_what_the_proof_waits_for(
     page.goto(stage.url)
     assert stage.wait(0) is None  # nothing is decided beforehand
     page.get_by_role("button", name="the right end").click()
-    assert stage.wait(30) == "right"
+    assert stage.wait(60) == "right"
     page.get_by_text("The right end is weak.").wait_for()
     assert not page.get_by_role("button", name="the left end").is_visible()
     console = StageConsole(stage, results=False)

@@ -94,7 +94,7 @@ def test_the_official_client_uses_every_part(
 def _ends(server: RunningServer) -> bool:
     """Whether no query of an agent is left, long before its own time limit."""
     for _ in range(40):
-        if not httpx.get(f"{server.url}/queries", timeout=30).json()["queries"]:
+        if not httpx.get(f"{server.url}/queries", timeout=60).json()["queries"]:
             return True
         time.sleep(0.1)
     return False

@@ -336,7 +336,7 @@ def _(shell):
     ])  # fmt: skip
     words = f"service {NAMESPACE}/rtask/where_is is offered by another node"
     if second.expect(rf"(Error: )?{words}")[1]:
-        assert second.process.wait(20) == 2
+        assert second.process.wait(60) == 2
         return ""
     second.end()
     return "discovered after its 2 s, on a busy machine: said in its log"
@@ -349,7 +349,7 @@ def _(shell):
         "-r", "__ns:=/sim", "-p", "use_sim_time:=true",
     ])  # fmt: skip
     silent.expect("Error: use_sim_time is set and nobody published /clock within 1 s")
-    assert silent.process.wait(20) == 3
+    assert silent.process.wait(60) == 3
     from rosgraph_msgs.msg import Clock
 
     ended = threading.Event()

@@ -33,7 +33,7 @@ from tests.clients.ros2.views import View
 
 CLOSING_S = 60.0
 RMEM_MAX = Path("/proc/sys/net/core/rmem_max")
-CLAUSES = clauses_of(clauses, images, grasping, surroundings, endings)
+CLAUSES = clauses_of(clauses, grasping, images, surroundings, endings)
 NEEDED = {
     "rclpy": "source a ROS 2",
     "rtask_msgs.srv": "rtask ros messages ~/ws/src, colcon build, source install/setup.bash",

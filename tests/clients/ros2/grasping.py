@@ -86,12 +86,16 @@ def _(shell):
     node = shell.start_node("--gripper", "hand", namespace="/reliable",
                             ros=("-p", "reliable_views:=true"))  # fmt: skip
     try:
-        ends = [
-            end.qos_profile.reliability
-            for end in shell.robot.node.get_subscriptions_info_by_topic("/camera/points")
-            if end.node_namespace == "/reliable"
-        ]
-        assert ends == [QoSReliabilityPolicy.RELIABLE], ends
+
+        def ends():
+            return [
+                end.qos_profile.reliability
+                for end in shell.robot.node.get_subscriptions_info_by_topic("/camera/points")
+                if end.node_namespace == "/reliable"
+            ]
+
+        shell.wait_for(ends, "the subscription in the graph")
+        assert ends() == [QoSReliabilityPolicy.RELIABLE], ends()
         show(shell, 240.0)
         status, result, _ = shell.robot.see(header=since(240.0), namespace="/reliable")
         assert (status, "within 5 s" in result.refused) == (ABORTED, True), result.refused

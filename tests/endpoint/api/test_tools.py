@@ -36,7 +36,7 @@ class Waiting(Service):
     @method
     def answer(self) -> str:
         """Answer."""
-        MAY_END.wait(20)
+        MAY_END.wait(60)
         return "done"
 
 
@@ -101,7 +101,7 @@ def test_a_call_runs_in_the_threads_of_the_services(host):
     work = plan.elsewhere.start()
     assert not work.done()
     MAY_END.set()
-    work.result(20)
+    work.result(60)
     assert result(plan)["structuredContent"] == {"result": "done"}
 
 

@@ -166,6 +166,7 @@ def _remember(forms: Forms) -> None:
     assert ask("recognise_for_grasp", again, gripper_id="right_hand", **SIGHT)
     thing = stored["object"]
     (grasp,) = ask("recall_grasps", object=thing)["grasps"]
+    assert ask("recall_motions", object=thing, gripper_id="right_hand")["motions"] == []
     ask("report_outcome", object=thing, grasp=grasp["id"], gripper_id="right_hand", success="false")
     asked = {"gripper_id": "right_hand", "min_grasp": 1, **SIGHT}
     refused = ask("recognise_for_grasp", again, **asked)["decision"]["refusal"]

@@ -99,7 +99,7 @@ def test_a_pause_of_centuries_does_not_stop_the_clock_of_the_others() -> None:
     assert thread is not None
     thread.join(0.1)  # time enough to fail, if it is to
     deadlines.after(0.0, done.set)
-    assert done.wait(10)
+    assert done.wait(60)
     deadlines.close()
 
 

@@ -175,6 +175,7 @@ def test_a_point_cloud_with_colours_in_three_fields_keeps_them(
     layout = np.dtype({"names": list("xyzrgb"), "formats": formats, "offsets": offsets,
                        "itemsize": 24})  # fmt: skip
     rows = np.zeros(2, layout)
+    rows["z"] = 0.7
     for channel, value in zip("rgb", (255, 51, 0), strict=True):
         rows[channel] = value / scale
     fields = [
@@ -265,6 +266,55 @@ def test_colours_of_16_bits_become_8(encoding: str, pixel: tuple[int, ...]) -> N
     data = np.full((2, 2, len(pixel)), pixel, "<u2").tobytes()
     message = {"height": 2, "width": 2, "encoding": encoding, "step": 0, "data": data}
     assert pixels_of_image(message)[1, 1].tolist() == [200, 60, 20]
+
+
+@pytest.mark.parametrize(("bits", "stored"), [(10, 800), (12, 3_200), (14, 12_800)])
+@pytest.mark.parametrize("encoding", ["rgb16", "bayer_rggb16"])
+def test_colours_in_the_lowest_of_16_bits_are_not_black(
+    encoding: str, bits: int, stored: int
+) -> None:
+    channels = 3 if encoding == "rgb16" else 1
+    data = np.full((4, 4, channels), stored, "<u2")
+    data[0, 0] = 2**bits - 1
+    message = {
+        "height": 4, "width": 4, "encoding": encoding, "step": 0, "data": data.tobytes()
+    }  # fmt: skip
+    assert pixels_of_image(message)[3, 3].tolist() == [200, 200, 200]
+
+
+@pytest.mark.parametrize(
+    ("encoding", "pixels"),
+    [
+        ("16UC1", np.array([[700, 65_535], [0, 700]], ">u2")),
+        ("16SC1", np.array([[700, -1], [0, 700]], ">i2")),
+        ("64FC1", np.array([[0.7, np.nan], [-np.inf, 0.7]], ">f8")),
+    ],
+)
+def test_what_cameras_write_for_no_measurement_is_no_wall(
+    encoding: str, pixels: np.ndarray
+) -> None:
+    message = {
+        "height": 2, "width": 2, "encoding": encoding, "is_bigendian": 1, "step": 0,
+        "data": pixels.tobytes(),
+    }  # fmt: skip
+    depth_m = depth_of_message(message, is_depth_topic=True)
+    assert depth_m is not None
+    assert depth_m.tolist() == pytest.approx(np.array([[0.7, 0], [0, 0.7]]), abs=1e-6)
+
+
+def test_the_largest_number_of_compressed_depth_is_no_measurement() -> None:
+    data = struct.pack("<iff", 0, 0, 0) + _png(np.array([[700, 65_535]], np.uint16))
+    depth_m = decode_compressed_depth("16UC1; compressedDepth png", data)
+    assert depth_m[0].tolist() == pytest.approx([0.7, 0])
+
+
+def test_points_of_a_cloud_at_its_origin_were_not_measured() -> None:
+    points = np.array([[0.1, 0, 0.7], [0, 0, 0], [0, 0.2, 0.7]], "<f4")
+    fields = [{"name": axis, "offset": 4 * k, "datatype": 7} for k, axis in enumerate("xyz")]
+    message = {
+        "height": 1, "width": 3, "fields": fields, "point_step": 12, "data": points.tobytes()
+    }  # fmt: skip
+    assert decode(pcd_from_point_cloud(message)).positions.tolist() == points[::2].tolist()
 
 
 PCD = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\n{}POINTS 1\nDATA ascii\n1 2 3\n"

@@ -242,6 +242,26 @@ def test_compressed_depth_of_floats_is_read_and_a_doubtful_unit_is_said(tmp_path
     assert ["in another unit?" in one for one in warnings] == [True]
 
 
+@pytest.mark.parametrize("steps", [70, 7_000])
+def test_depth_in_centimetres_or_tenths_of_a_millimetre_is_doubted(
+    tmp_path: Path, steps: int
+) -> None:
+    drive = Drive()
+    drive.camera("/camera/depth/camera_info")
+    drive.image("/camera/depth/image_raw", 1005, "16UC1", depth_mm(steps))
+    _, warnings = seen(drive, tmp_path)
+    assert ["in another unit?" in one for one in warnings] == [True]
+
+
+def test_an_encoding_that_is_not_read_is_not_called_a_drawing(tmp_path: Path) -> None:
+    drive = Drive()
+    good_topics(drive)
+    drive.image("/wrist/depth/image_raw", 1006, "32SC1", np.full((HEIGHT, WIDTH), 700, "<i4"))
+    view, warnings = seen(drive, tmp_path)
+    assert isinstance(view, Frame)
+    assert [one for one in warnings if "32SC1 is not read as depth" in one]
+
+
 def test_a_recording_without_depth_gives_its_photographs(tmp_path: Path) -> None:
     drive = Drive()
     drive.image("/webcam/image_raw", 1001, "yuv422_yuy2", np.full((HEIGHT, WIDTH, 2), 128, "u1"))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
-from features.recognition.index.cascade import FAR
+from features.recognition.index.nearest import FAR
 
 __all__ = ["ExactMatcher"]
 

@@ -9,15 +9,19 @@ from features.recognition import RecognitionIndex
 from features.recognition.comparison.votes import nearest_views
 from features.recognition.index import cascade
 from features.recognition.index.cascade import (
-    FAR,
     build_tables,
     match_exact,
     match_flat,
     match_tables,
-    nearest_both_ways,
-    squared_distances,
 )
 from features.recognition.index.hashing import Hasher, used_table_bits
+from features.recognition.index.nearest import (
+    FAR,
+    inner_products,
+    nearest_both_ways,
+    nearest_rows,
+    squared_distances,
+)
 from features.recognition.index.snapshot import EXACT_BELOW
 from tests.features.recognition.exhaustive import ExactMatcher
 
@@ -243,11 +247,26 @@ def test_nearest_both_ways_are_those_of_all_distances(seed: int) -> None:
     query, stored = (rng.integers(0, 2, (n, 128)).astype(np.uint8) * 200 for n in (30, 41))
     stored[5:9], stored[20] = query[3], query[7] ^ 1
     distances = squared_distances(query, stored)
+    differences = query[:, None].astype(int) - stored
+    assert np.array_equal(distances, (differences**2).sum(axis=2))
     best, best_back, nearest, second = nearest_both_ways(query, stored)
+    assert [rows.tolist() for rows in nearest_rows(query, stored)] == [
+        distances.argmin(axis=1).tolist(),
+        distances.min(axis=1).tolist(),
+    ]
     assert np.array_equal(best, distances.argmin(axis=1))
     assert np.array_equal(best_back, distances.argmin(axis=0))
     assert np.array_equal(np.stack([nearest, second], axis=1), np.sort(distances, axis=1)[:, :2])
     assert (nearest[3], second[3]) == (0, 0)
+
+
+def test_inner_products_hold_the_largest_and_least_numbers() -> None:
+    rows = np.array([[255] * 128, [-255] * 128, [1, -1] * 64], np.int16)
+    others = np.array([[511] * 128, [-511] * 128, [*range(-64, 64)]], np.int16)
+    expected = rows.astype(np.int64) @ others.T.astype(np.int64)
+    assert np.array_equal(inner_products(rows, others), expected)
+    assert np.array_equal(inner_products(rows[::2], np.asfortranarray(others)), expected[::2])
+    assert inner_products(rows[:0], others).shape == (0, 3)
 
 
 def test_a_view_removed_from_hash_tables_is_no_longer_matched(card_views) -> None:

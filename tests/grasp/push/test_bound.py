@@ -12,6 +12,7 @@ from grasp.push import PushTest, Tolerance, as_part, make_grasps, sample_grasps
 from grasp.push.mechanics.quasistatic import NO_POINTS, simulate_on_points
 from grasp.push.parts import stand_in
 from grasp.push.trials import Trials
+from tests.grasp.push.soft_contact import OUTLINES, compared, feet_of
 
 Pairs = tuple[Trials, NDArray[np.int64], NDArray[np.int64], NDArray[np.int8]]
 
@@ -68,6 +69,22 @@ def _tripods(pairs: Pairs, seed: int) -> NDArray[np.float64]:
                 break
         feet[i, :, :2], feet[i, :, 2] = triangle, weights
     return feet
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("name", ["trapezium", "pentagon"])
+def test_soft_contacts_close_on_what_the_bound_accepts(name: str) -> None:
+    """Parts that creep round the jaws of simulators whose contacts slip a little in each step."""
+    accepted, closed, _ = compared(OUTLINES[name], samples=12, most=40)
+    assert accepted == closed == 40
+
+
+def test_feet_carry_the_part_at_its_centre_of_mass() -> None:
+    com = np.array([0.1, -0.05])
+    feet = feet_of(OUTLINES["trapezium"], com, seed=3)
+    assert feet[:, 2].sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(feet[:, 2] @ feet[:, :2], 0.0, atol=1e-9)
+    assert (feet[:, 2] > 0).all()
 
 
 NAMES = ("rectangle", "ell", "tee", "A", "B", "D", "J", "C")

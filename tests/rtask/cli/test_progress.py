@@ -9,7 +9,7 @@ from contextlib import redirect_stderr
 from rtask.cli.progress import Working
 
 CLEAR = "\r\x1b[K"
-_WAIT_S = 30.0
+_WAIT_S = 60.0
 
 
 class Terminal(io.StringIO):

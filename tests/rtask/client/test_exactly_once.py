@@ -41,7 +41,7 @@ class BadNetwork:
             self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
         for thread in self._threads:
-            thread.join(20)
+            thread.join(60)
 
     def _accept(self) -> None:
         while True:
@@ -52,7 +52,7 @@ class BadNetwork:
             try:
                 if self.target is None:
                     raise ConnectionRefusedError
-                far = socket.create_connection(("127.0.0.1", self.target), timeout=5)
+                far = socket.create_connection(("127.0.0.1", self.target), timeout=60)
             except OSError:
                 near.close()
                 continue

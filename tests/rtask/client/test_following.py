@@ -71,7 +71,7 @@ def test_far_nothing_is_missed_through_a_kill_and_a_restart(tmp_path: Path):
         with running_server(tmp_path / "store", "-p", port) as again:
             insert(graph, 2, 3)
             assert both.wait(60)
-            thread.join(10)
+            thread.join(60)
             foreign = graph.follow(s="urn:s", since="00000000:1")
             with pytest.raises(EpochChangedError):
                 next(foreign)

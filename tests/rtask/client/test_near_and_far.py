@@ -99,7 +99,7 @@ def served(tmp_path_factory) -> Iterator[tuple[str, str]]:
         yield line.split()[1], token
     finally:
         process.send_signal(signal.SIGTERM)
-        process.wait(30)
+        process.wait(60)
         process.stdout.close()
 
 

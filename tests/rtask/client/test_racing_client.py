@@ -18,7 +18,7 @@ from tests.servers import RunningServer, running_server
 pytestmark = pytest.mark.slow
 
 WHERE = "SELECT ?place { <urn:mug> <urn:on> ?place }"
-LONG_S = 20.0
+LONG_S = 60.0
 
 
 @pytest.fixture(scope="module")

@@ -246,7 +246,7 @@ def test_an_answer_says_what_would_come_first_without_the_graph(bench, first, se
     assert "graph: held 1 of 1; alone: " in known["alone"]["text"]
 
 
-@pytest.mark.parametrize("turned", [2.6, 3.2])
+@pytest.mark.parametrize("turned", [2.6, pytest.param(3.2, marks=pytest.mark.deep)])
 def test_a_grasp_stays_at_its_end_when_a_thing_shows_its_other_side(bench, first, second, turned):
     # The model of one view knows one side of a box, and fits the view of its other side best after
     # half a turn; print knows better.

@@ -64,6 +64,7 @@ def test_what_reads_commits_nothing_and_what_records_or_writes_commits(kb, spied
     assert commits["recognise_for_grasp"] == 2, "the refusal"
     call("report_refusal", nao, refusal=refusal, response="left_alone")
     call("recall_grasps", nao, object=thing)
+    call("recall_motions", nao)
     call("plan_in_space", nao, object=thing, gripper_id="right_hand", samples=20)
     call("plan_on_scene", nao, gripper_id="right_hand", **box)
     assert call("reconstruct_mesh", nao, object=thing)["commit"]

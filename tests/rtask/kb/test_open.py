@@ -48,7 +48,7 @@ def test_the_lock_names_who_holds_the_folder_and_where_it_is_served(tmp_path: Pa
 def _hold(path: Path, ready: object, done: object) -> None:
     with _bare(path):
         ready.set()  # type: ignore[attr-defined]
-        done.wait(30)  # type: ignore[attr-defined]
+        done.wait(60)  # type: ignore[attr-defined]
 
 
 def test_another_process_is_locked_out_until_the_first_ends(tmp_path: Path) -> None:
@@ -57,12 +57,12 @@ def test_another_process_is_locked_out_until_the_first_ends(tmp_path: Path) -> N
     child = context.Process(target=_hold, args=(tmp_path, ready, done))
     child.start()
     try:
-        assert ready.wait(30)
+        assert ready.wait(60)
         with pytest.raises(StoreLockedError, match=f"pid {child.pid}"):
             _bare(tmp_path)
     finally:
         done.set()
-        child.join(30)
+        child.join(60)
     _bare(tmp_path).close()
 
 

@@ -291,3 +291,23 @@ def test_an_object_with_very_many_statements_is_read_by_its_fields(kb: Knowledge
     with kb.session() as s:
         mug = s.get(RTASK.Mug, "urn:hub")
         assert (len(mug.name), mug.mass, len(mug.has_grasp)) == (700, 0.3, 0)
+
+
+def test_of_a_pair_of_inverses_that_was_read_the_former_side_is_left(lab: KnowledgeBase) -> None:
+    with lab.session(check_required=False) as s:
+        first, second = RTASK.PlanarGrasp(), RTASK.PlanarGrasp()
+        attempt = RTASK.GraspAttempt(executes_grasp=first)
+        for new in (first, second, attempt):
+            s.add(new)
+        named = attempt.iri, first.iri, second.iri
+    with lab.session() as s:
+        attempt, first, second = (
+            s.get(kind, name)
+            for kind, name in zip(
+                (RTASK.GraspAttempt, RTASK.PlanarGrasp, RTASK.PlanarGrasp), named, strict=True
+            )
+        )
+        assert (list(first.tried_in), attempt.executes_grasp) == ([attempt], first)
+        second.tried_in.add(attempt)  # nothing of this object waits to be written so far
+        assert list(first.tried_in) == []
+        assert (list(second.tried_in), attempt.executes_grasp) == ([attempt], second)

@@ -83,7 +83,7 @@ def test_two_processes_over_one_server_see_each_other_and_never_overwrite(
             one.update("INSERT DATA { <urn:a> <urn:p> 1 }", "nao-1")
             two.update("INSERT DATA { <urn:a> <urn:p> 2 }", "nao-2")
             one.update("INSERT DATA { <urn:a> <urn:p> 3 }", "nao-1")
-            assert heard.wait(20.0)
+            assert heard.wait(60.0)
             assert one.seq == 3
             assert len(two.match("urn:a")) == 3
 

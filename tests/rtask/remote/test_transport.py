@@ -60,7 +60,7 @@ class Handler(BaseHTTPRequestHandler):
         self.server.requests.append(text)
         if self.headers.get("Authorization") != "Bearer secret":
             return self._answer(401, b'{"detail": "no token"}')
-        self.server.go_on.wait(30.0)
+        self.server.go_on.wait(60.0)
         if self.server.faults:
             return self._answer(self.server.faults.pop(0), self.server.words)
         if "update" in form:

@@ -28,7 +28,7 @@ pytest.importorskip("rosbags")
 
 SIGNATURES = Path(__file__).with_name("rclpy_signatures.txt")
 CONTRACT = Contract(engine_schema(), RULES)
-WAIT_S = 20.0
+WAIT_S = 60.0
 HAND = {"name": "hand", "gripper_type": "nao_hand", "max_opening": 0.09, "max_payload": 0.5}
 
 

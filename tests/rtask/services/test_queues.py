@@ -112,7 +112,7 @@ class Gate(Service):
     def go_through(self, number: int) -> int:
         """Wait for the gate."""
         self.entered.set()
-        self.opened.wait(30)
+        self.opened.wait(60)
         return number
 
 
@@ -121,7 +121,7 @@ def test_a_full_queue_refuses_and_loses_nothing():
     Gate.entered.clear()
     with ServiceHost([Gate]) as host:
         first = host.submit(Invocation("lab/Gate", "go_through", {"number": 0}))
-        assert Gate.entered.wait(30)
+        assert Gate.entered.wait(60)
         waiting = [host.submit(Invocation("lab/Gate", "go_through", {"number": k})) for k in (1, 2)]
         with pytest.raises(QueueFullError) as caught:
             host.submit(Invocation("lab/Gate", "go_through", {"number": 3}))
@@ -151,7 +151,7 @@ def test_a_job_tells_its_progress_and_can_be_cancelled(host):
 
 def test_a_job_keeps_its_answer(host):
     job = host.start_job(host.prepare(Invocation("lab/Arm", "stretch", {"joints": [1]})), "me")
-    job.wait(30)
+    job.wait(60)
     assert job.answer() == {"distance": 1.0, "joints": [1.0]}
     assert job.facts()["progress"] == 1.0
 
@@ -230,7 +230,7 @@ class Slow(Service):
 
     @shutdown
     def leave(self) -> None:
-        self.may_end.wait(20)
+        self.may_end.wait(60)
         CLOSED.append(self.name)
 
     @method

@@ -82,6 +82,27 @@ def test_what_the_graph_does_not_support_is_not_begun_and_said_to_be_stuck(engin
     assert "puts red cup" in claim(engine, AS_PANDA).text
 
 
+def test_a_robot_puts_nothing_into_the_hand_of_one_that_has_no_part_in_its_step(engine):
+    store(engine)
+    step = claim(engine, AS_PANDA)
+    with pytest.raises(ForbiddenError, match=r"belongs to 'panda-1', and .*nao-1/hand is"):
+        engine.call(
+            "end_step", {"task": step.task, "result": "done", "place": f"{NAO}/hand"}, AS_PANDA
+        )
+    own = {"task": step.task, "result": "done", "place": f"{PANDA}/hand"}
+    assert engine.call("end_step", own, AS_PANDA).commit
+
+
+def test_the_hand_of_a_partner_is_named_by_who_gives_it_something(engine):
+    store(engine)
+    step = claim(engine, AS_PANDA)
+    graph = f"{BASE}graph/shared"
+    both = f"<{step.task}> rt:assignedTo <{NAO}>"
+    engine.kb.update(f"{PREFIXES} INSERT DATA {{ GRAPH <{graph}> {{ {both} }} }}")
+    given = {"task": step.task, "result": "done", "place": f"{NAO}/hand"}
+    assert engine.call("end_step", given, AS_PANDA).commit
+
+
 def test_priority_deadline_and_cancelling_decide_what_comes_next(engine):
     cup = store(engine)
     pen = store(engine, "the pen into the right box", priority=5)

@@ -205,6 +205,31 @@ def test_frames_deeper_than_what_is_followed_leave_nearness_undecided(lab, monke
     assert answer.text.endswith("too many frames are between it and 1 of them to tell")
 
 
+def test_what_came_and_went_near_a_place_is_counted_alike_before_and_after_sorting(lab):
+    from rtask.world.index import PlacementIndex
+
+    followed = lab.kb.world.index
+    assert len(followed) == 0  # it follows from here on
+    box = lab.see(lab.box, 0.3, 0.1, 0)
+    cup = lab.see(lab.cup, 0.35, 0.1, 10)
+    lab.lose(cup, 20)
+    [placement] = lab.kb.world.history(box)
+    rebuilt = PlacementIndex(lab.kb)
+    for index in (followed, rebuilt):
+        for since_s, until_s, radius_m, count in (
+            (0, 30, 0.1, 2),  # the cup came and went
+            (-5, 30, 0.1, 2),  # that the box came is no event near it
+            (10, 30, 0.1, 1),  # since 10 s is after 10 s
+            (0, 10, 0.1, 1),
+            (0, 20, 0.1, 2),  # until 20 s is 20 s too
+            (20, 30, 0.1, 0),
+            (0, 30, 0.04, 0),
+        ):
+            found = index.events_near(placement, lab.noon + since_s, lab.noon + until_s, radius_m)
+            assert found == count, (index is followed, since_s, until_s, radius_m)
+    rebuilt.close()
+
+
 def test_the_index_sees_what_was_loaded_in_bulk(lab):
     cup = lab.see(lab.cup, 0.3, 0.1, 0)
     assert len(lab.kb.world.history(cup)) == 1

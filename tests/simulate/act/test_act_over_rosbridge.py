@@ -48,8 +48,8 @@ def robot(server):
 @pytest.fixture(scope="module")
 def ros(server, robot):
     client = roslibpy.Ros(host="127.0.0.1", port=server.port)
-    client.run(timeout=20)
-    deadline = time.monotonic() + 30
+    client.run(timeout=60)
+    deadline = time.monotonic() + 60
     while "/panda-1/act" not in client.get_services():
         assert time.monotonic() < deadline
         time.sleep(0.05)
@@ -147,7 +147,7 @@ def joints_of(ros):
     came, heard = threading.Event(), []
     topic = roslibpy.Topic(ros, "/panda-1/joint_states", "sensor_msgs/JointState")
     topic.subscribe(lambda state: (heard.append(state), came.set()))
-    assert came.wait(30)
+    assert came.wait(60)
     topic.unsubscribe()
     return dict(zip(heard[0]["name"], heard[0]["position"], strict=True))
 

@@ -42,7 +42,7 @@ def _subscribe(server: RunningServer, topic: str, keeper: FrameKeeper, until: in
     with connect(f"ws://127.0.0.1:{server.port}/rosbridge", proxy=None) as socket:
         socket.send(json.dumps({"op": "subscribe", "topic": topic}))
         while keeper.received < until:
-            message = json.loads(socket.recv(timeout=30))
+            message = json.loads(socket.recv(timeout=60))
             if message["op"] == "publish":
                 keeper.take(message["msg"])
 

@@ -298,7 +298,7 @@ def test_a_killed_demo_takes_its_children_along(tmp_path: Path) -> None:
     _wait_for_line(process, "nao-1 faces")
     children = list(_children(process.pid))
     process.kill()
-    process.communicate(timeout=30)
+    process.communicate(timeout=60)
     assert _gone(children)
 
 

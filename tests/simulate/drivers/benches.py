@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
 import threading
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from rtask.errors import RtaskError
 from simulate.drivers import action_arm, naoqi, rosbridge, watch
@@ -27,9 +30,13 @@ BRIDGE2, BRIDGE1, ROS1, ROS2, NAOQI = DRIVERS = (
     "rosbridge, ROS 2", "rosbridge, ROS 1", "rospy", "rclpy", "NAOqi",
 )  # fmt: skip
 BRIDGES = (BRIDGE2, BRIDGE1)
-HORIZON_S, STEP_S = 0.5, 0.02
+HORIZON_S, STEP_S, SLOW_RAD_S = 0.5, 0.02, 0.3
 GOAL, FAR = (0.9, 0.5), (0.9, 2.5)
-PATIENCE = {"state_s": 0.4, "spare_s": 1.0, "silent_s": 0.5}
+PATIENT_S = 60.0
+"""For what comes: a busy machine may take as long."""
+_IN_VAIN_S = 0.4
+_LOST_S = 3.0
+"""Of silence; only pieces before a link is lost are heard in less."""
 _SUCCEEDED = {1: 3, 2: 4}
 _ENDS = {
     "good": lambda ok: {"status": ok},
@@ -47,16 +54,56 @@ _ENDS = {
 }
 
 
+@dataclass(frozen=True)
+class Patience:
+    """How long drivers wait, s: shortly only for what never comes."""
+
+    state_s: float = PATIENT_S
+    stopped_s: float = PATIENT_S
+    spare_s: float = PATIENT_S
+    silent_s: float = PATIENT_S
+
+    @classmethod
+    def of(cls, end):
+        match end:
+            case "no end" | "the end of another's goal":
+                return cls(spare_s=_IN_VAIN_S)
+            case "no end, and states that stop":
+                return cls(silent_s=_IN_VAIN_S, stopped_s=_IN_VAIN_S)
+        return cls()
+
+    def apply(self):
+        """Have the drivers of this process wait so long."""
+        for module in (rosbridge, action_arm):
+            module._STATE_S, module._STOPPED_S = self.state_s, self.stopped_s
+            module._SPARE_S = self.spare_s
+        watch._SILENT_S = self.silent_s
+        # NAOqi carries a motion out 20 times as fast: one that has not ended by then does not end.
+        naoqi._SPARE_S = self.spare_s if self.spare_s == PATIENT_S else -0.2
+
+
+_WAITS = {"_STATE_S", "_STOPPED_S", "_SPARE_S", "_SILENT_S", "_CALL_S", "_TASK_S", "_OPEN_S"}
+
+
+def be_patient():
+    """Have the drivers of this process wait as long as a busy machine may take."""
+    Patience().apply()
+    naoqi._CALL_S = naoqi._TASK_S = rosbridge._OPEN_S = PATIENT_S
+
+
 def pieces_to(start, goal, count):
     corners = np.linspace(start, goal, count + 1)
     return [time_path(corners[k : k + 2], np.full(len(start), 1.0)) for k in range(count)]
 
 
 def slowly(arm, start, far):
-    """Have an arm follow a long way as commands do, in pieces of the horizon."""
+    """Have an arm follow a long way as commands do, in pieces of the horizon.
+
+    It is slow, so that it is still far from its goal when a busy machine gets to stopping it.
+    """
     dof = len(start)
-    limits = MotionLimits(np.full(dof, 1.0), np.full(dof, 5.0), np.full(dof, np.inf))
-    way = time_path(np.array([start, far]), np.full(dof, 1.0))
+    limits = MotionLimits(np.full(dof, SLOW_RAD_S), np.full(dof, 5.0), np.full(dof, np.inf))
+    way = time_path(np.array([start, far]), np.full(dof, SLOW_RAD_S))
     SlowedArm(arm, limits, HORIZON_S).follow(way)
 
 
@@ -76,7 +123,9 @@ class Bench:
     def __init__(self, robot):
         self.robot, self.words = robot, []
 
-    def arrange(self, state="good", end="good", is_timed=False):
+    def arrange(self, state="good", end="good", is_timed=False, state_s=PATIENT_S):
+        """Have the robot lie; drivers wait ``state_s`` for a state from which a motion starts."""
+        replace(Patience.of(end), state_s=state_s).apply()
         self.words.clear()
         self.robot.reset()
         self.robot.state, self.robot.is_timed = state, is_timed
@@ -111,8 +160,8 @@ class BridgeBench(Bench):
         super().__init__(robot)
         self.ros = ros
 
-    def arrange(self, state="good", end="good", is_timed=False):
-        super().arrange(state, end, is_timed)
+    def arrange(self, *lies, **more):
+        super().arrange(*lies, **more)
         self.robot.ros = self.ros
 
     def arm(self):
@@ -168,8 +217,8 @@ class RclpyBench(Bench):
         self._thread = threading.Thread(target=self._publish, daemon=True)
         self._thread.start()
 
-    def arrange(self, state="good", end="good", is_timed=False):
-        super().arrange(state, end, is_timed)
+    def arrange(self, state="good", end="good", **more):
+        super().arrange(state, end, **more)
         self.handles, self.is_deaf, self.rejects = [], False, end == "rejected"
 
     def _publish(self):
@@ -223,8 +272,10 @@ class RclpyBench(Bench):
 
         def cut():
             wait_until(lambda: len(self.robot.goals) >= 2 and self.robot.motion is not None)
+            Patience(_IN_VAIN_S, _IN_VAIN_S, silent_s=_LOST_S).apply()
             self.is_deaf = True
 
+        Patience(silent_s=_LOST_S).apply()
         thread = threading.Thread(target=cut)
         thread.start()
         error = error_of(lambda: slowly(self.arm, START, FAR))
@@ -244,7 +295,6 @@ class RospyBench(Bench):
     def __init__(self, roscore):
         self.roscore = roscore
         self.child = self._start("--robot", "--client")
-        self.tell("patience", **PATIENCE)
 
     def _start(self, *options):
         child = Child(
@@ -256,9 +306,10 @@ class RospyBench(Bench):
     def tell(self, do, **fields):
         return tell(self.child, do, **fields)
 
-    def arrange(self, state="good", end="good", is_timed=False):
+    def arrange(self, state="good", end="good", is_timed=False, state_s=PATIENT_S):
+        patience = replace(Patience.of(end), state_s=state_s)
         lies = {"state": state, "end": _ENDS[end](3), "is_timed": is_timed}
-        self.tell("arrange", **lies)
+        self.tell("arrange", patience=asdict(patience), lies=lies)
 
     def follow(self, pieces=1):
         return self.tell("follow", goal=GOAL, pieces=pieces)
@@ -307,7 +358,8 @@ class NaoqiBench(Bench):
         self.memory = self.session.service("ALMemory")
         self.words = []
 
-    def arrange(self, state="good", end="good", is_timed=False):
+    def arrange(self, state="good", end="good", is_timed=False, state_s=PATIENT_S):
+        Patience.of(end).apply()
         self.words.clear()
         home = dict(zip(self.arm.joints, self.arm.home, strict=True))
         self.motion.forget()
@@ -387,14 +439,14 @@ def tell(child, do, **fields):
     return json.loads(child.expect("answer ").removeprefix("answer "))
 
 
-def hurry(monkeypatch):
-    """Shorten the waits of the drivers of this process."""
-    for module in (rosbridge, action_arm):
-        monkeypatch.setattr(module, "_STATE_S", PATIENCE["state_s"])
-        monkeypatch.setattr(module, "_SPARE_S", PATIENCE["spare_s"])
-        monkeypatch.setattr(module, "_STOPPED_S", PATIENCE["state_s"])
-    monkeypatch.setattr(watch, "_SILENT_S", PATIENCE["silent_s"])
-    monkeypatch.setattr(naoqi, "_SPARE_S", -0.2)
+@contextlib.contextmanager
+def waits_restored():
+    """Set back, at the end of the block, how long the drivers of this process wait."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (rosbridge, action_arm, watch, naoqi):
+            for name in vars(module).keys() & _WAITS:
+                patch.setattr(module, name, getattr(module, name))
+        yield
 
 
 def open_bench(driver, request):

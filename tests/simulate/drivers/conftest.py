@@ -13,7 +13,7 @@ import pytest
 from rtask.cli.ros.schema import engine_schema
 from rtask.interop.ros.find import INSTALL, find_ros
 from tests.rtask.ros2 import standin
-from tests.simulate.drivers.benches import NAOQI, ROS1, ROS2, hurry, open_bench
+from tests.simulate.drivers.benches import NAOQI, ROS1, ROS2, be_patient, open_bench, waits_restored
 
 # A program that imports rospy as it starts; the search for doctests would import it here.
 collect_ignore = [] if find_ros() else ["ros1_arm.py"]
@@ -37,8 +37,8 @@ def ros2_world():
 def benches(request):
     """Return the bench of a driver; each is opened once."""
     opened = {}
-    with contextlib.ExitStack() as stack, pytest.MonkeyPatch.context() as patch:
-        hurry(patch)
+    with waits_restored(), contextlib.ExitStack() as stack:
+        be_patient()
 
         def bench(driver):
             if driver == NAOQI:

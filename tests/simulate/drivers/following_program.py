@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import sys
 
-from tests.simulate.drivers.benches import FAR, NaoqiBench, slowly
+from tests.simulate.drivers.benches import FAR, NaoqiBench, be_patient, slowly
 from tests.simulate.drivers.hostile_arm import ACTION, JOINTS, LIMITS, START, TOPIC
 
 
 def main():
+    be_patient()
     kind, address, *ros = sys.argv[1:]
     if kind == "naoqi":
         from simulate.drivers.naoqi import NaoqiArm

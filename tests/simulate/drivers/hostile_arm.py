@@ -133,7 +133,7 @@ class HostileArm:
             case "uneven":
                 at = at[:1]
             case "unannounced motion":
-                at, velocity = (self.at + 1.5 * (time.time() % 1)).tolist(), []
+                at, velocity = (self.at + 0.5 * (time.time() % 4)).tolist(), []
         return {"header": {"stamp": stamp}, "name": names, "position": at, "velocity": velocity}
 
 

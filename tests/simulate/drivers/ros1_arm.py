@@ -20,9 +20,15 @@ load_messages(engine_schema(), use_ros())
 
 import rospy  # noqa: E402  (importable from here on only)
 
-from simulate.drivers import action_arm, watch  # noqa: E402
 from simulate.ros.driver import ArmDriver  # noqa: E402
-from tests.simulate.drivers.benches import error_of, pieces_to, slowly  # noqa: E402
+from tests.simulate.drivers.benches import (  # noqa: E402
+    PATIENT_S,
+    Patience,
+    be_patient,
+    error_of,
+    pieces_to,
+    slowly,
+)
 
 _KIND = "control_msgs/FollowJointTrajectoryAction"
 
@@ -96,19 +102,16 @@ class Programs:
         self.said = []
         self.driver = None
         if is_client:
-            self.driver = ArmDriver(ACTION, JOINTS, 10.0, LIMITS, self.said.append)
+            self.driver = ArmDriver(ACTION, JOINTS, PATIENT_S, LIMITS, self.said.append)
 
-    def arrange(self, **lies):
+    def arrange(self, patience, lies):
+        Patience(**patience).apply()
         self.arm.reset()
         vars(self.arm).update(lies)
 
     def report(self):
         about = {"cancelled": self.arm.cancelled, "ids": self.arm.goals}
         return {**self.arm.report(), **about}
-
-    def patience(self, state_s, spare_s, silent_s):
-        action_arm._STATE_S, action_arm._SPARE_S, watch._SILENT_S = state_s, spare_s, silent_s
-        action_arm._STOPPED_S = state_s
 
     def follow(self, goal, pieces=1):
         """Follow a way of straight pieces from the start; return the error."""
@@ -123,6 +126,7 @@ class Programs:
 
 
 def main():
+    be_patient()
     is_robot, is_client = "--robot" in sys.argv, "--client" in sys.argv
     name = "_and_".join(["arm"] * is_robot + ["client"] * is_client)
     rospy.init_node(name, argv=[name], disable_signals=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 
 import numpy as np
@@ -11,19 +12,23 @@ from rtask.errors import RemoteUnavailableError, RobotError
 from simulate.drivers.contract import check_ending, settled_joints
 from simulate.drivers.rosbridge import RosbridgeArm
 from simulate.motion.trajectory import join, reverse, time_path
+from tests.processes import EVER_LONGER_S, wait_until
+from tests.simulate.drivers.benches import PATIENT_S, be_patient, error_of, waits_restored
 from tests.simulate.drivers.hostile_arm import ACTION, JOINTS, LIMITS, START, TOPIC
 from tests.simulate.drivers.hostile_bridge import HostileBridge
 
 
 @pytest.fixture(scope="module")
 def bridge_process():
-    bridge = HostileBridge()
-    yield bridge
-    bridge.close()
+    with waits_restored():
+        bridge = HostileBridge()
+        yield bridge
+        bridge.close()
 
 
 @pytest.fixture
 def bridge(bridge_process):
+    be_patient()
     bridge_process.reset()
     return bridge_process
 
@@ -49,36 +54,28 @@ def test_an_arm_at_rest_that_arrives_has_succeeded_and_the_risk_was_said_before(
 @pytest.mark.parametrize(
     ("state", "complaint"),
     [
-        ("old", r"3600\.\d s old; restart the driver .* clocks"),
-        ("ahead", r"ahead of this machine"),
-        ("frozen", "time stands still"),
-        ("without time", r"carry no time.*have the driver fill header\.stamp"),
-        ("moving", "elbow is moving; stop what moves the arm"),
-        ("unannounced motion", "(shoulder|elbow) is moving"),
-        ("NaN", "elbow is not a finite number; check its encoder"),
-        ("degrees", "shoulder is 51.57, which looks like degrees; .* radians"),
-        ("outside", "shoulder is 3.40 rad, outside its limits .*; move the arm back"),
-        ("in another order", "another order of the joints: check that the driver's names"),
-        ("incomplete", "the joint states lack elbow; start the broadcaster"),
-        ("uneven", "names 2 joints and has 1 positions"),
         ("a text for a number", "elbow is not a finite number"),
         ("a huge number", "elbow is not a finite number"),
         ("a text for a list", "position of a joint state is no list"),
         ("no names", "names that are no texts"),
         ("a text for a time", "carry no time"),
         ("no header", "carry no time"),
-        ("twice the same joint", "names 1 joints and has 2 positions"),
         ("a thousand times a second, moving", "(shoulder|elbow) is moving"),
     ],
 )
-def test_a_state_that_cannot_be_trusted_starts_nothing_and_says_why(
+def test_a_state_that_is_no_message_of_joints_starts_nothing_and_says_why(
     bridge, monkeypatch, state, complaint
 ):
-    monkeypatch.setattr("simulate.drivers.rosbridge._STATE_S", 0.5)
     bridge.state = state
-    with arm_of(bridge) as arm, pytest.raises(RobotError, match=complaint):
-        arm.follow(way())
-    assert bridge.goals == []
+    for wait_s in EVER_LONGER_S:  # a busy machine shows none at all within a moment
+        monkeypatch.setattr("simulate.drivers.rosbridge._STATE_S", wait_s)
+        with arm_of(bridge) as arm:
+            said = error_of(lambda arm=arm: arm.follow(way()))
+        assert said
+        assert bridge.goals == []
+        if re.search(complaint, said):
+            return
+    pytest.fail(said)
 
 
 @pytest.mark.parametrize(
@@ -128,7 +125,7 @@ def test_a_goal_that_does_not_end_is_cancelled_by_its_own_id(bridge, monkeypatch
     with arm_of(bridge, ros=ros) as arm:
         with pytest.raises(RemoteUnavailableError, match="did not end within"):
             arm.follow(way())
-        assert bridge.stopped.wait(10)
+        assert bridge.stopped.wait(PATIENT_S)
     assert bridge.cancelled == bridge.goals
 
 
@@ -140,7 +137,7 @@ def test_a_lost_link_is_told_and_a_second_connection_cancels_the_goal(bridge, ro
         pytest.raises(RemoteUnavailableError, match="connection was lost"),
     ):
         arm.follow(way())
-    assert bridge.stopped.wait(10)
+    assert bridge.stopped.wait(PATIENT_S)
     assert bridge.cancelled == bridge.goals
 
 
@@ -167,7 +164,7 @@ def test_states_that_stop_during_a_motion_end_it_and_doubt_is_said(bridge, monke
         pytest.raises(RemoteUnavailableError, match="no new joint state came"),
     ):
         arm.follow(way())
-    assert set(bridge.cancelled) == set(bridge.goals)
+    wait_until(lambda: set(bridge.cancelled) == set(bridge.goals) != set())
     assert bridge.sessions == 2  # the first connection did not show that the arm rests
     assert "nobody can tell whether the arm" in said[-1]
 
@@ -188,7 +185,7 @@ def test_a_motion_that_went_wrong_is_cancelled_even_if_it_is_said_to_have_ended(
     bridge.end = ends_wrong
     with arm_of(bridge) as arm, pytest.raises(RobotError):
         arm.follow(way())
-    assert bridge.cancelled == bridge.goals
+    wait_until(lambda: bridge.cancelled == bridge.goals != [])
 
 
 def test_a_short_way_within_the_tolerance_is_not_gone_by_staying(bridge):

@@ -22,6 +22,8 @@ from simulate.grasping.executor import Workcell
 from simulate.motion.trajectory import time_path
 from simulate.onboarding.commands import robot as main
 from simulate.robots import describe
+from tests.processes import wait_until
+from tests.simulate.drivers.benches import be_patient, waits_restored
 
 qi: Any = pytest.importorskip("qi")
 pytestmark = pytest.mark.slow
@@ -29,6 +31,13 @@ pytestmark = pytest.mark.slow
 ARM = describe("nao").arm("right")
 HOME = dict(zip(ARM.joints, ARM.home, strict=True))
 GOAL = (0.15, -0.10, 0.30)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _patient():
+    with waits_restored():
+        be_patient()
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -111,8 +120,7 @@ def test_the_motion_of_another_program_goes_on_when_ours_is_killed(arm, robot, m
     motion.arrange(0.0, "", 0.01)
     motion.setStiffnesses(["LElbowRoll"], 1.0)
     theirs = motion.angleInterpolation(["LElbowRoll"], [[-0.5]], [[1.0]], True, _async=True)
-    while not motion.getTaskList():
-        pass
+    wait_until(motion.getTaskList)
     (other,) = [number for _, number in motion.getTaskList()]
     with pytest.raises(RemoteUnavailableError):
         arm.follow(moved(0.4))
@@ -129,13 +137,11 @@ def test_a_lost_link_is_told_and_a_second_connection_stops_the_arm(robot, motion
     driver = NaoqiArm(robot[0], ARM.joints, "RHand")
     with ThreadPoolExecutor(1) as pool:
         going = pool.submit(driver.follow, moved(0.4))
-        while not motion.getTaskList():
-            pass
+        wait_until(motion.getTaskList)
         driver._session.close()  # as if the network were gone
         with pytest.raises(RemoteUnavailableError):
             going.result()
-    while session.service("ALMotion").getTaskList():
-        pass
+    wait_until(lambda: not session.service("ALMotion").getTaskList())
     assert motion.told()[-1].startswith("killed")
     robot[1].service("ALAutonomousLife").setState("solitary")
 

@@ -10,8 +10,11 @@ import pytest
 from simulate.grasping.attempt.run import AttemptRun
 from simulate.grasping.executor import GraspRequest, PlannedGrasp, Workcell
 from simulate.grasping.judgement import Answer, HeightMap, Judgement
-from simulate.grasping.placing import PlaceSpot, held_load, plan_place
+from simulate.grasping.placing import PlacePlan, PlaceSpot, held_load, plan_place
+from simulate.grasping.planning import GraspPlanner
+from simulate.motion.arm_space import ArmSpace
 from simulate.motion.collision import Obstacle
+from simulate.robots import describe
 from simulate.robots.description import Floats
 from simulate.world.hidden import NO_SECRET
 from simulate.world.objects import ObjectSpec, product
@@ -58,6 +61,27 @@ def test_a_thing_is_let_go_where_the_robot_sees_the_box() -> None:
         assert len({*spots}) == 5
     dark = HeightMap(np.full((30, 33), np.nan), np.array([0.40, -0.50]))
     assert PlaceSpot.in_box(BOX, 1, 0.05, dark).centres[0] == pytest.approx((x - 0.03, y + 0.03))
+
+
+def test_a_thing_is_put_down_near_the_shoulder_from_farther_away() -> None:
+    """There a Nao's arm does not get straight up: no line above the place is within its reach."""
+    space = ArmSpace(describe("nao"))
+    table = space.robot.workplace.table_height
+    request = GraspRequest(0.15, -0.105, 0.0, width=0.03, length=0.03, height=0.07,
+                           table_height=table, round=True)  # fmt: skip
+    held = GraspPlanner(space).plan(request, [], seed=1)
+    assert isinstance(held, PlannedGrasp)
+    start, chain = held.lift.positions[-1], space.chains[held.arm]
+    way = plan_place(space, held, start, PlaceSpot.on_table(0.131, -0.124, table))
+    assert isinstance(way, PlacePlan)
+    _, (over, down) = chain.tool_poses(way.lower.positions[[0, -1]])
+    assert down == pytest.approx(way.tool, abs=0.006)
+    assert np.linalg.norm(over[:2] - down[:2]) > 0.02
+    # The open hand backs off along its approach, and does not push what it let go.
+    rotation, _ = chain.tool_poses(way.lower.positions[-1:])
+    _, away = chain.tool_poses(way.retreat.positions[:20])
+    assert float((away[-1] - down) @ rotation[0, :, 2]) < 0.0
+    assert plan_place(space, held, start, PlaceSpot.on_table(0.05, -0.124, table)) == "place_plan"
 
 
 @pytest.mark.slow

@@ -72,6 +72,7 @@ def posed(cell: Workcell) -> GraspRequest:
     return GraspRequest.at_pose(pose, width, opening, points, table, 0.2)
 
 
+@WITH_A_CUP
 def test_a_pose_is_carried_out_and_the_thing_placed(cell: Workcell) -> None:
     body = put_box(cell)
     try:

@@ -129,7 +129,7 @@ def test_fingers_that_follow_another_stay_with_it_under_load(added):
 @pytest.mark.parametrize(
     ("name", "grasps"),
     [
-        ("xarm", "1"),
+        ("xarm", "0"),  # that the body is checked; what it grasps takes six seconds
         pytest.param("xarm", "2", marks=pytest.mark.deep),
         pytest.param("iiwa", "2", marks=pytest.mark.deep),
     ],
@@ -140,7 +140,7 @@ def test_the_check_passes_from_the_file_to_grasps(added, name, grasps):
     assert by_name["reach"]["passed"], by_name
     assert by_name["home"]["passed"], by_name
     assert by_name["close"]["passed"], by_name
-    assert any(row["held"] for row in answer["grasps"]), answer
+    assert any(row["held"] for row in answer["grasps"]) == (grasps != "0"), answer
     assert answer["passed"] == (code == 0)
 
 

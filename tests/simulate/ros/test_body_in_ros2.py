@@ -28,7 +28,7 @@ pytest.importorskip("rosbags")
 
 ARM = describe("panda").arm("panda_arm")
 ACTION = "panda_arm_controller/follow_joint_trajectory"
-WAIT_S = 20.0
+WAIT_S = 60.0
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +139,7 @@ def tolerance(world: World, position: float, name: str = ARM.joints[-1]) -> list
 def patience(world: World) -> Any:
     """Return a tolerance for a processor that is busy: the physics comes late."""
     made = world.types.make("control_msgs/FollowJointTrajectory_Goal").goal_time_tolerance
-    made.secs = 10
+    made.secs = 60
     return made
 
 

@@ -70,7 +70,7 @@ def test_a_box_is_filled_and_only_what_is_in_it_stays():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [2, pytest.param(4, marks=pytest.mark.deep)])
+@pytest.mark.parametrize("count", [1, pytest.param(4, marks=pytest.mark.deep)])
 def test_a_trial_follows_from_its_seed_and_has_judgement_and_truth(count):
     study = judging_study(count, seed=3, robot="panda", preset="fast", difficult=0.0)
     trials = [judging_trial(study.settings, number) for number in range(count)]

@@ -18,6 +18,7 @@ from simulate.study.grasping_report import (
     grasping_study,
     summarise_grasping,
 )
+from simulate.study.learning import outcomes
 from simulate.study.learning.outcomes import outcome_trial
 from simulate.study.learning.report import outcome_study
 
@@ -41,6 +42,7 @@ def test_a_trial_is_the_same_in_any_process_and_the_command_prints_nothing_but_f
 
 
 @pytest.mark.slow
+@pytest.mark.deep  # ten seconds; its small sibling has the arms without the physics
 def test_every_grasp_of_an_object_has_its_outcome_from_the_same_start() -> None:
     study = outcome_study(1, 3, proposed=1, blind=1, preset="fast")
     result = outcome_trial(study.settings, 1)
@@ -49,6 +51,22 @@ def test_every_grasp_of_an_object_has_its_outcome_from_the_same_start() -> None:
     assert {arm["source"] for arm in result["arms"]} == {"geometry", "blind"}
     assert len(result["look"]) == 256
     assert any(result["look"])
+    assert all(0 <= arm["quality"] <= 1 for arm in result["arms"])
+    assert json.dumps(result)
+
+
+@pytest.mark.slow
+def test_grasps_are_tried_until_one_holds_and_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    ends = iter([UNREACHABLE, "missed", "ok", "missed", "ok"])
+    monkeypatch.setattr(outcomes._Bench, "_outcome", lambda *_: {"reason": next(ends)})
+    study = outcome_study(1, 3, proposed=1, blind=1, preset="fast")
+    result = outcome_trial(study.settings, 1)
+    assert [(arm["source"], arm["reason"]) for arm in result["arms"]] == [
+        ("geometry", UNREACHABLE), ("geometry", "missed"), ("geometry", "ok"),
+        ("blind", "missed"), ("blind", "ok"),
+    ]  # fmt: skip
+    assert result["says"].endswith(": 2 of 4 held")
+    assert (len(result["look"]), any(result["look"])) == (256, True)
     assert all(0 <= arm["quality"] <= 1 for arm in result["arms"])
     assert json.dumps(result)
 

@@ -103,7 +103,7 @@ function drawLane(lane) {
   state.textContent = lane.connections ? "connected" : "left";
   state.classList.toggle("good", lane.connections > 0);
   const [now, met, grasp, outcome] = card.querySelectorAll("dd");
-  now.textContent = lane.doing || "–";
+  now.textContent = lane.doing || (lane.met || lane.outcome ? "–" : "has not reported anything yet");
   met.replaceChildren(linked(lane.met || "–", lane.object));
   grasp.textContent = lane.chosen || "–";
   outcome.replaceChildren(...(lane.held === null ? [] : [mark(lane.held), " "]), lane.outcome || "–");

@@ -124,7 +124,7 @@ function shapesOf(scene) {
       if (outline) things.push({ kind: "line", points: outline, look: "other" });
     } else if (node.kind === "robot") {
       things.push({ kind: "ball", at: at(node.pose, [0, 0, ROBOT_M]), radius: ROBOT_M, look: "robot" });
-      things.push({ kind: "label", at: at(node.pose, [0, 0, 2 * ROBOT_M]), text: node.label });
+      things.push({ kind: "label", at: at(node.pose, [0, 0, -ROBOT_M]), text: node.label });
       for (const side of [-REACH_M, REACH_M]) points.push(at(node.pose, [side, side, 0]));
     } else if (node.kind === "thing" && node.poseOf === "place") {
       const where = JSON.stringify(node.pose);
@@ -158,7 +158,7 @@ function boxOf({ pose, size: [x, y, z] }) {
 /** The outline of what was seen directly on a frame, in its plane; null if there are fewer than two. */
 function seenOn(scene, number) {
   const { pose } = scene.nodes[number];
-  const on = scene.nodes.filter((node) => node.kind === "thing" && node.parent === number);
+  const on = scene.nodes.filter((node) => node.kind === "thing" && node.parent === number && node.poseOf !== "place");
   if (on.length < 2) return null;
   const local = on.map((node) => {
     const apart = [0, 1, 2].map((axis) => node.pose[axis][3] - pose[axis][3]);

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from rtask.engine.operations.operation import operation
 from rtask.engine.operations.tasks.robot_named import robot_named
-from rtask.engine.operations.world.state import moved
+from rtask.engine.operations.world.state import check_hand, moved
 from rtask.engine.records.identity import check_agent
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import RDF, RT
@@ -316,6 +316,8 @@ def _move(context: Context, request: EndStep, author: Access) -> claiming.Move |
         It is said to be somewhere, and to be lost.
     UnknownTermError
         The graph has no such place.
+    ForbiddenError
+        It is said to be in the hand of a robot that has no part in the step.
     """
     if request.place is None:
         if not request.lost:
@@ -324,4 +326,8 @@ def _move(context: Context, request: EndStep, author: Access) -> claiming.Move |
         raise UsageError("give place, or lost", field="lost")
     elif not context.kb.match(iri(request.place)):
         raise UnknownTermError(f"place: the graph has no {request.place}", field="place")
+    task = iri(str(request.task))
+    # A thing may be given into the hand of who takes part, and of nobody else.
+    partners = {str(quad.object)[1:-1] for quad in context.kb.match(task, RT.assignedTo)}
+    check_hand(context, request.place, author, partners)
     return lambda thing: moved(context, thing, request.place, author)

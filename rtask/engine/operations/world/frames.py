@@ -185,6 +185,8 @@ def frame_named(context: Context, name: str, author: Access) -> tuple[str, list[
         Several frames have the name, or the IRI is of something else.
     UnknownTermError
         The name is that of a frame of a robot which the graph does not know.
+    ForbiddenError
+        A robot would declare a frame on the body of another one.
     """
     own = _own_name(context, name, author)
     frames = [
@@ -215,6 +217,7 @@ def frame_named(context: Context, name: str, author: Access) -> tuple[str, list[
         node = NamedNode(f"{body.value}/frame/{quote(frame_id, safe='')}")
     else:
         node, frame_id = NamedNode(f"{base}frame/{quote(name, safe='')}"), name
+    _check_owner(context, node.value, author)  # what is there may be used; this would be declared
     return node.value, [
         (node, RDF.type, RT.Frame), (node, RT.frameId, literal(frame_id or name))
     ]  # fmt: skip
@@ -242,11 +245,11 @@ def _parent(context: Context, name: str, author: Access) -> str:
 
 
 def _check_owner(context: Context, frame: str, author: Access) -> None:
-    """Refuse a robot to say where a frame on the body of another one stands."""
+    """Refuse a robot to declare a frame on the body of another one, or to say where it stands."""
     if author.role == "robot" and _other_robot(context, frame, author):
         raise ForbiddenError(
             f"frame: {frame} is on another robot's body than that of {author.agent!r}; that robot "
-            "or a person states where it stands", field="frame",
+            "or a person states it", field="frame",
         )  # fmt: skip
 
 

@@ -15,11 +15,13 @@ from rtask.wire.types import Flag, Iri, Stamp, Text
 from rtask.world import Relation, WorldEdit
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
     from rtask.world.statements import Statement
 
-__all__ = ["StatePlace", "moved", "state_place"]
+__all__ = ["StatePlace", "check_hand", "moved", "state_place"]
 
 
 class StatePlace(Message):
@@ -65,7 +67,7 @@ def state_place(context: Context, request: StatePlace, access: Access) -> Stated
     if not context.kb.match(thing, RDF.type, RT.Exemplar):
         raise UnknownTermError(f"thing: the graph has no thing {request.thing}", field="thing")
     author = context.author(access, request.agent)
-    _check_hand(context, request.place, access)
+    check_hand(context, request.place, access)
     with context.writing:
         time_s = stated_instant(request.stamp)
         added, withdrawn = moved(
@@ -79,12 +81,26 @@ def state_place(context: Context, request: StatePlace, access: Access) -> Stated
     return StatedPlace(commit=context.commit_id(tx.commit))
 
 
-def _check_hand(context: Context, place: str | None, access: Access) -> None:
-    """Refuse a robot to say what another one holds."""
+def check_hand(
+    context: Context, place: str | None, access: Access, givers: Collection[str] = ()
+) -> None:
+    """Refuse a robot to say what another one holds.
+
+    Parameters
+    ----------
+    givers
+        IRIs of robots whose hands it may name as well: those with which it does a step.
+
+    Raises
+    ------
+    ForbiddenError
+        The place is a hand of yet another robot.
+    """
     if access.role != "robot" or place is None:
         return
     owners = {quad.subject for quad in context.kb.match(None, RT.hasEndEffector, iri(place))}
-    if owners and context.agent_iri(access) not in owners:
+    allowed = {context.agent_iri(access), *map(NamedNode, givers)}
+    if owners and not owners & allowed:
         raise ForbiddenError(
             f"place: the token belongs to {access.agent!r}, and {place} is a hand of another "
             "robot, which says itself what it holds",

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from features.recognition.index.cascade import match_tables, squared_distances
+from features.recognition.index.cascade import match_tables
 from features.recognition.index.hashing import Hasher
 from features.recognition.index.image_pair import HashedImage, match_images
+from features.recognition.index.nearest import squared_distances
 
 CAP, RATIO = 128_450, 0.64
 

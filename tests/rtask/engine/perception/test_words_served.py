@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import base64
+import html
+import json
 import os
 import sys
 from pathlib import Path
 from typing import Any
 
 import cv2
+import httpx
+import numpy as np
 import pytest
 
 import rtask
@@ -63,6 +67,19 @@ def look(flavour: str, seed: int) -> dict[str, Any]:
     return {"image": base64.b64encode(picture.tobytes()).decode(), "box": box}
 
 
+def _page(url: str, seen: dict[str, Any]) -> str:
+    """Return the page, without its JSON, that answers a look sent by the form of a browser."""
+    sent = httpx.post(
+        f"{url}/services/rtask/Engine",
+        data={"$method": "search_object", "box": json.dumps(seen["box"])},
+        files={"image": ("seen.jpg", base64.b64decode(seen["image"]))},
+        headers={"Accept": "text/html"},
+        timeout=60,
+    )
+    assert sent.status_code == 200
+    return html.unescape(sent.text).partition("As JSON")[0]
+
+
 def test_a_client_learns_which_word_tells_a_sibling(
     tmp_path: Path, environment: dict[str, str]
 ) -> None:
@@ -80,6 +97,15 @@ def test_a_client_learns_which_word_tells_a_sibling(
         assert not other["accepted"]
         assert (other["word_seen"], other["word_stored"]) == ("NATURELL", "VANILJ")
         assert other["message"].endswith('says "NATURELL" where vanilla says "VANILJ"')
+        page = _page(server.url, look("NATURELL", 8))
+        assert 'says "NATURELL" where vanilla says "VANILJ"' in page
+        shown = other["similar_objects"][0]
+        assert f'src="/api/blobs/{shown["picture"]}"' in page
+        picture = httpx.get(f"{server.url}/api/blobs/{shown['picture']}")
+        assert picture.headers["content-type"].startswith("image/")
+        kept = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_COLOR)
+        assert kept is not None
+        assert kept.size
         read = robot.query(
             "PREFIX rt: <https://w3id.org/rtask-kg/ns#> SELECT ?by ?text "
             "{ ?r rt:readBy ?by ; rt:hasWord/rt:wordText ?text }"

@@ -21,7 +21,7 @@ from rtask.wire.fields import kind_of
 from tests.rtask.engine.conftest import Robot, registration
 
 NAMES_SOMEBODY = re.compile(
-    r"(^|_)(robot|gripper|hand|task|attempt|frame|refusal|contributor|operator|agent|by)(s|_id|$)"
+    r"(^|_)(robot|gripper|hand|task|attempt|frame|refusal|contributor|operator|agent|by|place)(s|_id|$)"
 )
 TRIED = {
     "gripper_id": "test_a_robot_cannot_name_the_hand_of_another",
@@ -31,6 +31,7 @@ TRIED = {
     "robot": "test_a_robot_cannot_work_or_state_places_for_another",
     "frame": "test_a_robot_cannot_move_a_frame_of_another",
     "agent": "test_a_robot_cannot_work_or_state_places_for_another",
+    "place": "test_a_robot_cannot_say_what_the_hand_of_another_holds",
 }
 NOBODY = {
     "task": "a purpose: pick, place",
@@ -38,6 +39,7 @@ NOBODY = {
     "frames": "names within the robot's own frames",
     "confirmed_by": "a kind of judge",
     "attempt_number": "a count",
+    "max_places": "a count",
     "contributor": "of reading, and of the right to withdraw, which no robot has",
 }
 
@@ -323,3 +325,25 @@ def test_a_robot_cannot_move_a_frame_of_another(robots):
     with pytest.raises(ForbiddenError, match="on another robot's body than that of 'nao-2'"):
         stranger.call("state_frame", frame="nao-1/base_footprint", lost=True)
     assert stranger.call("locate_frame", frame="nao-1/base_footprint")["known"], "it may ask"
+
+
+def test_a_robot_cannot_declare_a_frame_on_the_body_of_another(engine, robots):
+    robots("nao-1")
+    stranger, before = robots("nao-2"), engine.kb.seq
+    body = engine.kb.graphs.agent_iri("nao-1").value
+    for frame in ("nao-1/camera_9", f"{body}/frame/camera_9"):
+        with pytest.raises(ForbiddenError, match="on another robot's body than that of 'nao-2'"):
+            stranger.call("report_sightings", frame=frame)
+    assert engine.kb.seq == before
+
+
+def test_a_robot_cannot_say_what_the_hand_of_another_holds(engine, robots):
+    robots("nao-1")
+    stranger, taken = robots("nao-2"), hand(engine, "nao-1")
+    engine.kb.update(f"INSERT DATA {{ <urn:cup> a {RT.Exemplar} }}")
+    for operation, args in (
+        ("state_place", {"thing": "urn:cup"}),
+        ("end_step", {"task": "urn:step", "result": "done"}),
+    ):
+        with pytest.raises(ForbiddenError, match=f"{taken} is a hand of another robot"):
+            stranger.call(operation, place=taken, **args)

@@ -138,10 +138,10 @@ class Child:
     def finish(self) -> int:
         """Wait for its own end and return its exit code."""
         try:
-            return self.process.wait(20)
+            return self.process.wait(60)
         finally:
             self.process.kill()
-            self._reader.join(5)
+            self._reader.join(60)
             for pipe in (self.process.stdin, self.process.stdout):
                 assert pipe is not None
                 pipe.close()

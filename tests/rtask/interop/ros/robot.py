@@ -24,7 +24,7 @@ from rtask.interop.ros.find import use_ros
 from rtask.interop.ros.package import load_messages
 from tests.rtask.interop.ros.scene import BASE_FROM_CAMERA, view
 
-WAIT_S = 20.0
+WAIT_S = 60.0
 load_messages(declared_schema(OPERATIONS.values()), use_ros())
 
 # Importable from here on only, which is the reason of each E402 below.

@@ -10,7 +10,14 @@ from rtask.interop.ros.master import Master
 from tests.commands import run_command
 from tests.rtask.interop.ros.conftest import running
 from tests.rtask.interop.ros.scene import urdf_of
-from tests.rtask.interop.ros.test_node import HAND, PREEMPTED, SUCCEEDED
+from tests.rtask.interop.ros.test_node import (  # noqa: F401 - fixtures
+    HAND,
+    PREEMPTED,
+    SUCCEEDED,
+    gripper,
+    registered,
+    taught,
+)
 from tests.servers import running_server
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -94,3 +101,19 @@ def test_a_token_comes_from_a_file_and_without_one_the_refusal_is_the_answer(
                 answers.append(robot.call(f"{space}/rtask/register_robot", **about))
     assert answers[0]["robot"].endswith("/nao-2"), answers[0]
     assert "needs scope write" in answers[1]
+
+
+def test_what_is_where_is_latched_as_markers_with_names(robot, taught, gripper):  # noqa: F811
+    robot("show", stamp=730.0, tf_stamp=730.0)
+    seen = robot("see", goal={"gripper_id": gripper}, since=730.0)
+    assert seen["state"] == SUCCEEDED, seen["text"]
+    robot("listen", topic="/rtask/world", type="visualization_msgs/MarkerArray")
+    names = set()
+    for count in range(1, 6):  # the first may be of before the things were seen
+        shown = robot("hear", topic="/rtask/world", count=count)
+        if shown is None:
+            break
+        names = {marker["text"].partition(" ")[0] for marker in shown["markers"]} - {""}
+        if {"soap", "tea"} <= names:
+            break
+    assert {"soap", "tea"} <= names, names

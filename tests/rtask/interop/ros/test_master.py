@@ -53,7 +53,7 @@ def test_the_watch_survives_what_fails_in_a_round(monkeypatch, page):
     watch = Watch(Master(page), "/node", lambda: None, refused)
     watch.start()
     try:
-        assert enough.wait(20)
+        assert enough.wait(60)
     finally:
         watch.end()
         watch.join()

@@ -146,7 +146,7 @@ def test_the_display_asks_only_while_heard_and_publishes_only_what_changed(
 
     def refresh() -> None:
         display.refresh()
-        display.wait(10.0)
+        display.wait(60.0)
 
     refresh()
     assert not asked
@@ -176,6 +176,6 @@ def test_a_server_that_does_not_answer_leaves_what_is_shown(
     display = WorldDisplay(ask, shown.append, lambda: True, make)
     for _ in range(2):
         display.refresh()
-        display.wait(10.0)
+        display.wait(60.0)
     assert len(shown) == 1
     assert "stays as it was" in caplog.text

@@ -308,14 +308,14 @@ def test_commits_go_on_while_a_checkpoint_is_written(
     def slowly(store: EmbeddedStore) -> None:
         if threading.current_thread().name == "rtask-checkpoint":
             begun.set()
-            assert let_go.wait(20)
+            assert let_go.wait(60)
         real(store)
 
     with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
         monkeypatch.setattr(EmbeddedStore, "flush", slowly)
         monkeypatch.setattr("rtask.kb.durability.recovery._EVERY_S", 0.0)
         kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
-        assert begun.wait(20)
+        assert begun.wait(60)
         for number in range(3):
             kb.update(f"INSERT DATA {{ <urn:b> <urn:p> {number} }}")
         assert Checkpoint.load(tmp_path) == Checkpoint(0, clean=False, boot=boot_id())

@@ -16,7 +16,7 @@ from reasoner import closure
 from rtask.kb.commit import committer
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.durability.recovery import replay
-from rtask.kb.store import embedded
+from rtask.kb.store import commit_writes, embedded
 from rtask.kb.store.collector import collector_paused
 from rtask.kb.store.embedded import EmbeddedStore
 from rtask.knowledge_base import KnowledgeBase
@@ -33,14 +33,16 @@ _SCHEMA = """
 
 
 def _count_as_large() -> None:
-    committer.LARGE = embedded.LARGE = 50
+    committer.LARGE = commit_writes.LARGE = embedded.LARGE = 50
     closure.LISTED_TRIPLES = 10
     embedded._BULK = 40
 
 
 @pytest.fixture
 def count_as_large(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, name in ((committer, "LARGE"), (embedded, "LARGE"), (embedded, "_BULK")):
+    for module, name in (
+        (committer, "LARGE"), (commit_writes, "LARGE"), (embedded, "LARGE"), (embedded, "_BULK"),
+    ):  # fmt: skip
         monkeypatch.setattr(module, name, getattr(module, name))
     monkeypatch.setattr(closure, "LISTED_TRIPLES", closure.LISTED_TRIPLES)
     _count_as_large()

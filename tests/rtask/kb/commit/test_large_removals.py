@@ -244,7 +244,7 @@ def test_no_read_sees_the_store_half_replaced(
         done = threading.Event()
 
         def read() -> None:
-            assert emptied.wait(30)
+            assert emptied.wait(60)
             seen.append(len(kb.match(graph="urn:schema")))
             done.set()
 

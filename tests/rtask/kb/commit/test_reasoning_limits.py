@@ -16,10 +16,10 @@ from rtask.kb.commit import budget
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.budget import OF_ROBOTS, Guard, ReasoningLimits
 from rtask.kb.commit.commit import Request
-from rtask.kb.commit.committer import MAX_LATE
 from rtask.kb.commit.trials import derivation
 from rtask.kb.commit.trials.derivation import CAN_FORK
 from rtask.kb.commit.update_limits import UpdateLimits
+from rtask.kb.store.commit_writes import MAX_LATE
 from rtask.knowledge_base import KnowledgeBase
 from tests.clocks import PassedBySleeping
 

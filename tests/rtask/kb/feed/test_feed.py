@@ -32,7 +32,7 @@ from rtask.rdf.terms import Quad, iri, literal
 from rtask.sparql.results import Solutions
 
 _RT = "https://w3id.org/rtask-kg/ns#"
-_ENOUGH_S = 30.0
+_ENOUGH_S = 60.0
 
 
 @pytest.fixture(params=["memory", "folder"])

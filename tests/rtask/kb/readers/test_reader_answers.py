@@ -130,7 +130,7 @@ def test_a_stream_is_closed_from_another_thread(memory: KnowledgeBase) -> None:
     thread.start()
     wait_until(lambda: bool(streams))
     streams[0].close()
-    thread.join(timeout=20.0)
+    thread.join(timeout=60.0)
     assert len(seen) == 1
 
 
@@ -158,8 +158,8 @@ def test_a_deadline_can_be_moved_while_an_answer_is_read(memory: KnowledgeBase) 
     with memory.stream(_PAIRS, timeout_s=60.0) as stream, memory.stream(_PAIRS) as later:
         next(stream)
         next(later)
-        assert stream.extend(1.0)
-        assert later.extend(1.0)
+        assert stream.extend(3.0)  # no less: it is moved again before the end
+        assert later.extend(3.0)
         assert stream.extend(60.0)
         with pytest.raises(QueryTimeout):  # its limit is behind the one that was moved
             later.read()

@@ -150,7 +150,7 @@ def test_the_node_is_seen_by_name_and_its_endpoints_have_hashes(served, robot, t
             seen.set()
 
     robot.watch_nodes(hear)
-    assert seen.wait(20), names
+    assert seen.wait(60), names
 
 
 @pytest.mark.slow
