@@ -647,7 +647,7 @@ class RecalledMotions(TypedDict):
     """Movements of other robots and of one's own, those that can be followed first."""
 
     motions: list[RecordedMotion]
-    refused: list[RecordedMotion]
+    unusable: list[RecordedMotion]
     motions_left_out: int
 
 
