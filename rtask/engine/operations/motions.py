@@ -102,7 +102,7 @@ class RecalledMotions(Answer):
 
     motions: list[RecordedMotion]
     """the same body first, then the latest first"""
-    unusable: list[RecordedMotion]
+    rejected: list[RecordedMotion]
     """some that cannot be followed, with the reason; without positions"""
     motions_left_out: int
     """how many more were recorded, of at most 500 that were looked at; max_motions asks for them"""
@@ -120,7 +120,7 @@ def recall_motions(context: Context, request: RecallMotions, access: Access) -> 
     records = motion_records(context, thing, request.held, _LATEST)
     records.sort(key=lambda record: bool(body.difference(record)))
     offered: list[RecordedMotion] = []
-    unusable: list[RecordedMotion] = []
+    rejected: list[RecordedMotion] = []
     judged = 0
     for record in records:
         if len(offered) == request.max_motions:
@@ -129,10 +129,10 @@ def recall_motions(context: Context, request: RecallMotions, access: Access) -> 
         answer = _answer(context, record, body, request)
         if answer.positions:
             offered.append(answer)
-        elif len(unusable) < request.max_motions:
-            unusable.append(answer)
+        elif len(rejected) < request.max_motions:
+            rejected.append(answer)
     return RecalledMotions(
-        motions=offered, unusable=unusable, motions_left_out=len(records) - judged
+        motions=offered, rejected=rejected, motions_left_out=len(records) - judged
     )
 
 
