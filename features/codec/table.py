@@ -64,7 +64,7 @@ def cloud_from_fields(table: Table, name: str, shape: tuple[int, ...] = ()) -> C
     Parameters
     ----------
     shape
-        Rows and columns of an organised cloud.
+        Rows and columns of an organised cloud, which loses what lies at its origin too.
     """
     table = {column.lower(): values for column, values in table.items()}
     missing = [axis for axis in "xyz" if axis not in table]
@@ -73,6 +73,9 @@ def cloud_from_fields(table: Table, name: str, shape: tuple[int, ...] = ()) -> C
     with np.errstate(over="ignore", invalid="ignore"):
         positions = np.stack([table[axis].astype(np.float32) for axis in "xyz"], axis=-1)
     finite = np.isfinite(positions).all(axis=1)
+    if shape:
+        # Nothing is measured where the camera stands: some write that for what they did not see.
+        finite &= positions.any(axis=1)
     whole, positions = shape or (len(positions),), positions[finite]
     if positions.size and np.abs(positions).max() > _MAX_COORDINATE_M:
         raise CloudFormatError(f"{name}: a point lies beyond {_MAX_COORDINATE_M:.0f} m")

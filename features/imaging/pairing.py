@@ -25,6 +25,7 @@ from features.imaging.photo import Photo, read_photo
 from features.imaging.pictures import (
     PAIRED_S,
     depth_of_message,
+    doubtful_frame,
     implausible_cloud,
     implausible_depth,
     view_of_images,
@@ -113,6 +114,7 @@ class Pairing:
                 yield seen
                 return
             doubt = implausible_cloud(seen.positions)
+            doubt = doubt or doubtful_frame(seen.positions, seen.frame_id)
             if doubt:
                 self._warn_once(topic, doubt)
             yield replace(seen, stamp_s=_stamp_s(message, time_s))

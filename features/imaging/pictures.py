@@ -28,6 +28,7 @@ from features.imaging.camera import Lens, align_colour, undistorted
 __all__ = [
     "PAIRED_S",
     "depth_of_message",
+    "doubtful_frame",
     "implausible_cloud",
     "implausible_depth",
     "implausible_object",
@@ -41,6 +42,9 @@ _NEAREST_M, _FARTHEST_M = 0.1, 6.0
 """Median depth of what a camera at a table may see."""
 _WIDEST_M = 10.0
 """Median distance from their middle of the points that it may see."""
+_BEHIND = 0.01
+"""Share of points behind a camera that errors of measurement do not explain."""
+_UPRIGHT_FRAMES = ("base_footprint", "base_link", "base", "odom", "map", "world")
 _LARGEST_OBJECT_M = 3.0
 """Median distance of an object's points from their middle; a box of millimetres has some 50."""
 
@@ -75,6 +79,28 @@ def implausible_cloud(positions: NDArray[np.float32]) -> str:
     'half of the points lie 81.2 m apart from their middle: are they in another unit?'
     """
     return _apart(positions, _WIDEST_M)
+
+
+def doubtful_frame(positions: NDArray[np.float32], frame_id: str) -> str:
+    """Return why points (n, 3), m, may not be in a camera's frame; empty if they may be.
+
+    A camera has x to the right, y down and z forward (REP 103) and sees nothing behind itself; the
+    frames of a robot and of maps have z up (REP 105).
+
+    Examples
+    --------
+    >>> ahead = np.array([[0.1, 0.2, 0.7]], np.float32)
+    >>> doubtful_frame(ahead, "camera_depth_optical_frame")
+    ''
+    >>> doubtful_frame(ahead, "nao1/base_link")
+    'in the frame nao1/base_link, which has z up: it is read as that of a camera, z forward'
+    """
+    behind = float((positions[:, 2] < 0).mean()) if len(positions) else 0.0
+    if behind > _BEHIND:
+        return f"{behind:.0%} of the points lie behind the camera: is z forward in their frame?"
+    if frame_id.rpartition("/")[2] in _UPRIGHT_FRAMES:
+        return f"in the frame {frame_id}, which has z up: it is read as that of a camera, z forward"
+    return ""
 
 
 def implausible_object(positions: FloatArray) -> str:

@@ -9,6 +9,8 @@ from simulate.thesis.result import Compared, Result, Setting, share_of
 
 __all__ = ["motions", "paths"]
 
+_FEWEST = 8
+"""Tables below which a ratio has no interval."""
 _FIGURES = (
     ("work", "postures checked in whole plans"),
     ("of_first", "postures checked until the first way"),
@@ -71,9 +73,11 @@ def motions(setting: Setting) -> Result:
         row = summary[pair]
         if row["searched"]:
             low, high = row["of_first"]["interval95"]
+            # Few tables drawn anew are nearly always the same ones, whatever others would show.
+            interval = (low, high) if tables >= _FEWEST else None
             rows.append(Compared(f"{pair}: postures checked until the first way at a fresh table, "
                                  "with the movements over anew", row["of_first"]["ratio"],
-                                 interval=(low, high)))  # fmt: skip
+                                 interval=interval))  # fmt: skip
     strange, stored = (sum(result[name] for result in results) for name in ("strange", "stored"))
     rows.append(share_of("another body: movements offered to it as they are", strange, stored))
     reasons = sorted({reason for result in results for reason in result["said"]})

@@ -308,6 +308,14 @@ def test_the_largest_number_of_compressed_depth_is_no_measurement() -> None:
     assert depth_m[0].tolist() == pytest.approx([0.7, 0])
 
 
+def test_points_of_an_organised_file_at_its_viewpoint_were_not_measured() -> None:
+    head = PCD.replace("WIDTH 1", "WIDTH 2").replace("HEIGHT 1", "HEIGHT 2")
+    rows = head.format("VIEWPOINT 0 0 5 1 0 0 0\n").replace("POINTS 1", "POINTS 4")[:-6]
+    cloud = decode((rows + "1 2 3\n0 0 0\nnan 0 1\n0 0 1\n").encode())
+    assert cloud.positions.tolist() == [[1, 2, 8], [0, 0, 6]]
+    assert cloud.is_organised
+
+
 def test_points_of_a_cloud_at_its_origin_were_not_measured() -> None:
     points = np.array([[0.1, 0, 0.7], [0, 0, 0], [0, 0.2, 0.7]], "<f4")
     fields = [{"name": axis, "offset": 4 * k, "datatype": 7} for k, axis in enumerate("xyz")]

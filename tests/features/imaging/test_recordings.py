@@ -253,6 +253,32 @@ def test_depth_in_centimetres_or_tenths_of_a_millimetre_is_doubted(
     assert ["in another unit?" in one for one in warnings] == [True]
 
 
+@pytest.mark.parametrize(
+    ("frame", "lift_m", "said"),
+    [
+        ("camera_depth_optical_frame", 0.0, []),
+        ("base_link", 0.0, ["in the frame base_link, which has z up"]),
+        ("velodyne", -0.75, ["of the points lie behind the camera"]),
+    ],
+)
+def test_a_cloud_that_is_in_no_cameras_frame_is_doubted(
+    tmp_path: Path, frame: str, lift_m: float, said: list[str]
+) -> None:
+    drive = Drive()
+    make = drive.store.types["sensor_msgs/msg/PointField"]
+    fields = [make(axis, 4 * k, 7, 1) for k, axis in enumerate("xyz")]
+    points = np.random.default_rng(4).uniform(0.5, 1.0, (400, 3)).astype("<f4")
+    points[:, 2] += np.float32(lift_m)
+    data = np.frombuffer(points.tobytes(), "u1")
+    drive.add(
+        "/points", "sensor_msgs/msg/PointCloud2", 1000, 1, 400, fields, False, 12, 4800, data, True
+    )
+    drive.messages[-1][1].header.frame_id = frame
+    view, warnings = seen(drive, tmp_path)
+    assert len(view.positions) == 400
+    assert [any(part in one for one in warnings) for part in said] == [True] * len(warnings)
+
+
 def test_an_encoding_that_is_not_read_is_not_called_a_drawing(tmp_path: Path) -> None:
     drive = Drive()
     good_topics(drive)

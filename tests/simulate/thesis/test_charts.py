@@ -7,7 +7,9 @@ import pytest
 from grasp.charts import Figures, figure_chart
 from simulate.thesis.charts import pictures_of
 from simulate.thesis.entry import Entry
-from simulate.thesis.result import Compared, Result
+from simulate.thesis.page import to_html
+from simulate.thesis.result import Compared, Result, Setting
+from simulate.thesis.running import Outcome
 
 ENTRY = Entry("kehoe", "table", "9.9", "9", "a table", "compared", run="made:up")
 
@@ -31,6 +33,14 @@ def test_what_a_run_draws_itself_stays_alone():
     assert pictures_of(ENTRY, Result((Compared("x", 1.0, 2.0),), pictures={"own": "<svg/>"})) == {
         "own": "<svg/>"
     }
+
+
+def test_the_report_shows_a_chart_for_a_run_that_draws_nothing():
+    machine = {"cores": 2, "processor": "some", "load": 0.1, "python": "3.11"}
+    outcomes = [Outcome(ENTRY, Result((Compared("recall", 0.9, 0.8),)))]
+    html = to_html(Setting(), machine, outcomes)
+    assert html.count("<figure><svg") == 1
+    assert "<figcaption>shares and numbers</figcaption>" in html
 
 
 def test_more_rows_than_can_be_read_are_several_charts():

@@ -8,6 +8,8 @@ import pytest
 from rtask.errors import ForbiddenError, UsageError
 from rtask.rdf.namespaces import RT
 
+pytestmark = pytest.mark.slow
+
 JOINTS = ["shoulder", "elbow", "right_hand"]
 
 
