@@ -13,6 +13,8 @@ IN_PARALLEL := -n $(WORKERS) --dist loadscope --no-loadscope-reorder
 # Compiled modules are kept even where the environment says otherwise: each of the some hundred
 # processes that tests start would compile what it imports, a third of its time.
 test test-quick test-deep check: export PYTHONDONTWRITEBYTECODE :=
+# What programs write and how files are read does not hang on the locale of whoever runs the tests.
+test test-quick test-deep check: export LC_ALL := C.UTF-8
 
 .PHONY: help setup system pages demo test test-quick test-deep check conformance bench site dist clean
 

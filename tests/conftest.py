@@ -119,6 +119,8 @@ def _gather_temporary_files(config: pytest.Config) -> None:
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())
     folder = ScratchFolder("tests")
     os.environ["TMPDIR"] = tempfile.tempdir = str(folder.path)
+    # Robots and stores that whoever runs the tests has added for himself are none of theirs.
+    os.environ["XDG_DATA_HOME"] = str(folder.path / "data")
     config.add_cleanup(folder.close)
 
 

@@ -90,6 +90,14 @@ class EstimatedLens:
     centre_error_px: float
     poses: dict[int, Float64Array]
 
+    @property
+    def board_error_m(self) -> float:
+        """How far its errors alone put a board off, at the median distance of the boards."""
+        camera = self.lens.intrinsics
+        distance_m = float(np.median([pose[2, 3] for pose in self.poses.values()]))
+        worst_px = max(self.focal_error_px, self.centre_error_px)
+        return distance_m * worst_px / min(camera.fx, camera.fy)
+
 
 @dataclass(frozen=True)
 class EstimatedPlace:
@@ -101,7 +109,8 @@ class EstimatedPlace:
     depth_scale
         Measured depth over true depth; 1 is right.
     place_error_m
-        Standard error of the place, along the axis that is known worst.
+        Standard error of the place, along the axis that is known worst, if the boards are where
+        the pictures put them; :attr:`EstimatedLens.board_error_m` comes on top.
     residual_m
         Root mean square distance of the points of depth from the boards.
     views

@@ -57,6 +57,7 @@ __all__ = [
     "OutcomeReport",
     "PastPlace",
     "Picture",
+    "PlaceOfWork",
     "PlanReason",
     "PlanRefusal",
     "PlanStep",
@@ -204,6 +205,23 @@ class Camera(TypedDict, total=False):
     """nearest depth; default: not known (m)"""
     max_range: float
     """farthest depth; default: not known (m)"""
+
+
+class PlaceOfWork(TypedDict, total=False):
+    """A table or box at which a robot works."""
+
+    name: Required[str]
+    """name by which the robot reports that it put something there"""
+    pose: Required[Mapping[str, Any]]
+    """geometry_msgs/Pose of the middle of its surface (a box: of its floor), z up, in frame_id"""
+    frame_id: str
+    """frame of the robot, as in tf; default: its base frame"""
+    length: Required[float]
+    """size of the surface along x of the pose; of a box, inside the walls (m)"""
+    width: Required[float]
+    """size of the surface along y of the pose (m)"""
+    rim_height: float
+    """height of the walls of a box above its floor; 0 for a table (m); default: 0.0"""
 
 
 class Look(TypedDict, total=False):
@@ -647,7 +665,7 @@ class RecalledMotions(TypedDict):
     """Movements of other robots and of one's own, those that can be followed first."""
 
     motions: list[RecordedMotion]
-    refused: list[RecordedMotion]
+    rejected: list[RecordedMotion]
     motions_left_out: int
 
 
@@ -883,7 +901,7 @@ class Traced(TypedDict):
 
 
 class DrawnNode(TypedDict):
-    """A frame, robot or thing."""
+    """A frame, robot, place or thing."""
 
     kind: str
     node: str
@@ -1355,6 +1373,7 @@ class Calls(ABC):
         end_effectors: Sequence[EndEffector | Mapping[str, Any]],
         cameras: Sequence[Camera | Mapping[str, Any]] | None = None,
         frames: Sequence[str] | None = None,
+        places: Sequence[PlaceOfWork | Mapping[str, Any]] | None = None,
         replace: bool | None = None,
     ) -> RegisteredRobot:
         """Register a robot with its grippers, cameras and frames.
@@ -1373,6 +1392,9 @@ class Calls(ABC):
             its cameras
         frames
             names of its frames, the base frame first
+        places
+            tables and boxes at which it works, where they are now; what was put there is drawn
+            there
         replace
             whether the body has changed since the last registration; default: another one is
             refused; default: False
@@ -1857,7 +1879,7 @@ class Calls(ABC):
         frame: str | None = None,
         max_nodes: int | None = None,
     ) -> DrawnScene:
-        """List what is where at a time: frames, robots and things with poses.
+        """List what is where at a time: frames, robots, places and things.
 
         Parameters
         ----------
@@ -1866,7 +1888,7 @@ class Calls(ABC):
         frame
             any frame of the tree: its name in tf, robot/name or its IRI; default: the fullest tree
         max_nodes
-            how many frames, robots and things are answered; default: 2000
+            how many frames, robots, places and things are answered; default: 2000
         """
         answer: DrawnScene = self._operate("show_world", locals())
         return answer

@@ -71,7 +71,7 @@ class _Asked:
         )
         if last is not None:
             whereabouts = replace(
-                whereabouts, since_s=last.begin, seen_s=min(last.confirmed, time_s),
+                whereabouts, since_s=world.arrival(last).begin, seen_s=min(last.confirmed, time_s),
                 until_s=last.end, place=last.place, place_label=label_of(world, last.place),
                 agent=label_of(world, last.agent),
             )  # fmt: skip

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,11 @@ from rtask.rdf.namespaces import RT, mint
 from rtask.rdf.terms import Literal, NamedNode, iri
 from rtask.world.identity import Candidate, identify
 from rtask.world.placement import DEFAULT_SIGMA_M, Placement, Relation
+from rtask.world.spots import Pose, is_at
 from rtask.world.standing import is_same_standing
 from rtask.world.state import WorldState
 from rtask.world.statements import Statement, confirmed, doubted, ended, new_exemplar, placed
-from rtask.world.uncertainty import MOVED_M, Spread, spread_of
+from rtask.world.uncertainty import MOVED_M, NEARBY_M, Spread, spread_of
 
 __all__ = ["MOVED_RAD", "Seen", "WorldEdit"]
 
@@ -29,6 +31,7 @@ MOVED_RAD = float(np.deg2rad(15.0))
 
 _CONFIRM_S = 60.0
 _NOWHERE = Spread(0.0, 0.0, 1.0)
+_NO_PLACE: tuple[Relation, str] = ("at", "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +108,10 @@ class WorldEdit:
     _made: dict[str, list[str]] = field(default_factory=dict)
 
     def see(self, seen: Seen) -> str:
-        """State that a thing was seen; return its IRI, a new one if it is none of those known."""
+        """State that a thing was seen; return its IRI, a new one if it is none of those known.
+
+        What was put on or into something stays there, now with its pose, unless it is seen beside.
+        """
         exemplar = seen.exemplar
         doubts: tuple[tuple[str, float], ...] = ()
         if not exemplar:
@@ -129,10 +135,12 @@ class WorldEdit:
             self._confirm(last, seen.time_s)
             self._settle(last, seen.time_s)
             return exemplar
+        stays = last is not None and last.is_current and self._stays(last, seen)
+        relation, place = (last.relation, last.place) if last and stays else _NO_PLACE
         self._close(exemplar, seen.time_s)
         self._open(
             Placement(
-                self._node(), exemplar, seen.time_s, None, seen.time_s, "at", "", seen.frame,
+                self._node(), exemplar, seen.time_s, None, seen.time_s, relation, place, seen.frame,
                 seen.frame_from_exemplar, seen.sigma_m, seen.confidence, seen.agent,
                 seen.source,
             )
@@ -148,8 +156,16 @@ class WorldEdit:
         agent: str = "",
         source: str = "",
         confidence: float = 1.0,
+        *,
+        was_carried: bool = True,
     ) -> None:
-        """State that a thing is on, in or held by something, from a time on."""
+        """State that a thing is on, in or held by something, from a time on.
+
+        Parameters
+        ----------
+        was_carried
+            Whether it was brought there. If not, and its last pose is there, it keeps that.
+        """
         last = self.last(exemplar)
         if last is not None and time_s < last.begin:
             return
@@ -157,11 +173,12 @@ class WorldEdit:
         if last is not None and last.is_current and is_same:
             self._confirm(last, time_s)
             return
+        pose = None if was_carried or relation == "held_by" else self._pose_at(last, place, time_s)
         self._close(exemplar, time_s)
         self._open(
             Placement(
                 self._node(), exemplar, time_s, None, time_s, relation, place,
-                confidence=confidence, agent=agent, source=source,
+                confidence=confidence, agent=agent, source=source, **_posed(pose),
             )
         )  # fmt: skip
 
@@ -294,6 +311,12 @@ class WorldEdit:
         pending = exemplar in self._last
         spread = spread_of(last, seen.time_s) if pending else self.world.spread(last, seen.time_s)
         there = self.world.pose_in(last, seen.frame, seen.time_s)
+        is_in_place = None
+        if last.is_current and last.frame_from_subject is None and last.relation in ("on", "in"):
+            is_in_place = is_at(self.world, last.place, _pose_of(seen))
+            before = self._pose_before(last) if is_in_place is None else None
+            if before is not None:
+                there = self.world.pose_in(before, seen.frame, seen.time_s)
         is_own = last.place.startswith(f"{seen.robot}/") or last.place in seen.hands
         return Candidate(
             exemplar,
@@ -304,6 +327,7 @@ class WorldEdit:
             there is not None or is_own or self._was_in_reach(last, seen),
             seen.time_s - last.confirmed,
             last.relation == "held_by" and not last.is_current,
+            bool(is_in_place),
         )
 
     def _was_in_reach(self, last: Placement, seen: Seen) -> bool:
@@ -327,6 +351,55 @@ class WorldEdit:
         else:
             cosine = (np.trace(pose[:3, :3].T @ seen.frame_from_exemplar[:3, :3]) - 1.0) / 2.0
         return bool(np.arccos(np.clip(cosine, -1.0, 1.0)) <= MOVED_RAD)
+
+    def _stays(self, last: Placement, seen: Seen) -> bool:
+        """Whether a thing that was put on or into something is still there where it is seen now.
+
+        Where the graph does not know where the place is or how large, a look can contradict it only
+        by what was seen before: a shove leaves a thing where it is, and a thing that stands where
+        it stood when somebody said what it is on has not been taken away.
+        """
+        if last.relation not in ("on", "in"):
+            return False
+        is_there = is_at(self.world, last.place, _pose_of(seen))
+        if is_there is not None:
+            return is_there
+        if last.frame_from_subject is None:
+            if last.relation == "in":  # things are seen on tables, and seldom in boxes
+                return False
+            before = self._pose_before(last)
+            return bool(seen.exemplar) or (before is not None and self._is_there(before, seen))
+        there = self.world.pose_in(last, seen.frame, seen.time_s)
+        return there is not None and _distance(there[0], seen.frame_from_exemplar) <= NEARBY_M
+
+    def _pose_before(self, last: Placement) -> Placement | None:
+        """Return the place with a pose that a thing had when somebody stated what it is on.
+
+        What is in a box now was moved into it.
+        """
+        if last.relation != "on" or self._is_made(last.subject):
+            return None
+        for placement in self.world.history(last.subject):
+            is_before = placement.end == last.begin and placement.relation == "at"
+            if is_before and placement.frame_from_subject is not None:
+                return replace(last, frame=placement.frame, begin=placement.begin,
+                               frame_from_subject=placement.frame_from_subject,
+                               sigma_m=placement.sigma_m)  # fmt: skip
+        return None
+
+    def _pose_at(self, last: Placement | None, place: str, time_s: float) -> Pose | None:
+        """Return the pose that a thing has, if that is at a place; in a frame that stays."""
+        if last is None or not last.is_current or last.frame_from_subject is None:
+            return None
+        frame = last.frame
+        if self.world.frames.is_of_robot(frame):  # what it measured is where the robot was then
+            frame = self.world.frames.rooted(frame, time_s, last.begin).root
+        there = self.world.pose_in(last, frame, time_s)
+        if there is None:
+            return None
+        sigma_m = float(np.hypot(last.sigma_m, np.sqrt(there[1])))
+        pose = Pose(frame, there[0], time_s, sigma_m)
+        return pose if is_at(self.world, place, pose) else None
 
     def _open(self, placement: Placement) -> None:
         self.statements += placed(placement)
@@ -393,6 +466,17 @@ class WorldEdit:
             if other not in named and not self.world.is_merged(other)
         )
         return tuple((other, chance) for other, chance in chances if chance is not None)
+
+
+def _pose_of(seen: Seen) -> Pose:
+    return Pose(seen.frame, seen.frame_from_exemplar, seen.time_s, seen.sigma_m)
+
+
+def _posed(pose: Pose | None) -> dict[str, Any]:
+    if pose is None:
+        return {}
+    return {"frame": pose.frame, "frame_from_subject": pose.frame_from_exemplar,
+            "sigma_m": pose.sigma_m}  # fmt: skip
 
 
 def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:

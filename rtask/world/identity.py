@@ -1,7 +1,8 @@
 """Identity of things over time, by place, time and product.
 
-A sighting of a product is a sighting of one of its things: the one that was there, the one that
-this robot had in its hand, or one whose place nobody knows. Where none of these fits, either an
+A sighting of a product is a sighting of one of its things: the one that was there, one that was
+put on or into the place that is looked at, the one that this robot had in its hand, or one whose
+place nobody knows. Where none of these fits, either an
 unseen hand carried one of the known things here, or this is another one. That chance is stored, and
 can be settled later; nothing is decided that was not seen.
 """
@@ -50,6 +51,8 @@ class Candidate:
         Time since it was last seen.
     has_slipped
         Whether a robot lost it from its hand, and nobody has seen it since.
+    is_in_place
+        Whether one is seen on or in the place where this one was put, at an unknown spot there.
     """
 
     exemplar: str
@@ -60,6 +63,7 @@ class Candidate:
     is_reachable: bool = True
     age_s: float = 0.0
     has_slipped: bool = False
+    is_in_place: bool = False
 
 
 @dataclass(frozen=True)
@@ -111,6 +115,9 @@ def identify(
     ]
     if here:
         return Identity(min(here)[1], is_followed=True)
+    put = sorted(candidate.exemplar for candidate in candidates if candidate.is_in_place)
+    if put:
+        return Identity(put[0], _shares(put[1:], len(put)), is_followed=len(put) == 1)
     held = sorted(candidate.exemplar for candidate in candidates if candidate.in_own_hand)
     if held:
         return Identity(held[0], _shares(held[1:], len(held)), is_followed=len(held) == 1)

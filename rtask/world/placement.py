@@ -90,6 +90,11 @@ class Placement:
         """Whether it has no end."""
         return self.end is None
 
+    def follows(self, before: Placement) -> bool:
+        """Whether a thing only moved on or in the place where it was before, or was seen there."""
+        is_same = (self.relation, self.place) == (before.relation, before.place)
+        return self.relation != "at" and is_same and before.end == self.begin
+
     def holds_at(self, time_s: float) -> bool:
         """Whether the interval contains a time."""
         return self.begin <= time_s and (self.end is None or time_s < self.end)

@@ -77,6 +77,17 @@ class WorldState:
         placements = [self.index.read(node) for node in nodes if node is not None]
         return max((p for p in placements if p is not None), key=_by_begin, default=None)
 
+    def arrival(self, placement: Placement) -> Placement:
+        """Return the placement with which a thing came to where it is: on this, in that.
+
+        It begins another one each time that it is seen to have moved there.
+        """
+        while True:
+            before = self.last_placement(placement.subject, np.nextafter(placement.begin, -_NEVER))
+            if before is None or not placement.follows(before):
+                return placement
+            placement = before
+
     def history(self, subject: str) -> list[Placement]:
         """Return all placements of a thing or frame, oldest first."""
         nodes = (node for name in self.names_of(subject) for node in self.index.history(name))

@@ -68,9 +68,14 @@ def _stay(world: WorldState, history: Sequence[Placement], number: int) -> Stay:
     while last + 1 < len(history) and _may_be_one(world, history, number, last + 1):
         last += 1
     left_before_s = history[last].end
-    if placement.relation != "at":
-        return Stay(placement, placement.begin, left_before_s, placement.agent)
     first = number
+    if placement.relation != "at":
+        while first and history[first].follows(history[first - 1]):
+            first -= 1
+        while last + 1 < len(history) and history[last + 1].follows(history[last]):
+            last += 1
+        came = history[first]
+        return Stay(placement, came.begin, history[last].end, came.agent)
     while first and _may_be_one(world, history, number, first - 1):
         first -= 1
     arrived_after_s = history[first - 1].confirmed if first else None

@@ -69,10 +69,6 @@ class RetryingServer:
         """Introduce the robot."""
         return self._repeat("register_robot", request)
 
-    def state_frame(self, **request: Any) -> dict[str, Any]:
-        """State where a frame stands, such as that of a box."""
-        return self._repeat("state_frame", request)
-
     def recognise_for_grasp(self, **request: Any) -> dict[str, Any]:
         """Ask which object this is and which grasps to try."""
         return self._repeat("recognise_for_grasp", request)

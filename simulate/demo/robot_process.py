@@ -20,8 +20,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import rtask
 from features.geometry import Frame
 from features.perception import Seen
@@ -31,7 +29,6 @@ from rtask.scratch import ScratchFolder
 from simulate.agent.agent import Agent, AgentConfig
 from simulate.agent.encounter import Encounter
 from simulate.agent.frame_topic import FramePublisher
-from simulate.agent.messages import pose_message
 from simulate.agent.scoring import Scorer
 from simulate.agent.servers import LONG_CALL_S, RetryingServer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
@@ -127,9 +124,7 @@ def clear_table(
         tell("waiting", {"for": operation, "doing": "waiting for the endpoint"})
 
     server = RetryingServer(client, waiting)
-    told = body.robot.describe(job.name)
-    server.register_robot(**told)
-    _state_boxes(server, job.name, told["frames"][0], body)
+    server.register_robot(**body.robot.describe(job.name))
     in_reach = scorer.in_reach()
     tell("ready", {"objects": len(body.laid), "in_reach": sum(in_reach.values())})
     if not may_begin():
@@ -144,19 +139,6 @@ def clear_table(
         "products": [laid.placement.spec.name for laid in body.laid],
         "encounters": scorer.score(encounters, first_sight, in_reach),
     }
-
-
-def _state_boxes(server: RetryingServer, name: str, base: str, body: SimulatedBody) -> None:
-    """Tell the graph where the robot's boxes stand, so that what lies in them has a place."""
-    for box in body.world.place_boxes.values():
-        base_from_box = np.eye(4)
-        base_from_box[:3, 3] = *box.centre, box.floor
-        server.state_frame(
-            frame=f"{name}/{box.side} box",
-            parent=f"{name}/{base}",
-            pose=pose_message(base_from_box),
-            agent=name,
-        )
 
 
 def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:

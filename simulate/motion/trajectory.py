@@ -130,7 +130,6 @@ def reverse(way: Trajectory, faster: float = 1.0) -> Trajectory:
 def _time_spline(corners: Floats, velocity: Floats, acceleration: float) -> Trajectory:
     chords = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     knots = np.concatenate([[0.0], np.cumsum(chords)])
-    kind = "natural" if len(corners) > 2 else "clamped"
     if len(corners) == 2:  # a straight edge: constant direction
         direction = (corners[1] - corners[0]) / knots[-1]
         curve = _Line(corners[0], direction)
@@ -138,7 +137,7 @@ def _time_spline(corners: Floats, velocity: Floats, acceleration: float) -> Traj
         # Here, because servers import this file at their start and plan no motion yet.
         from scipy.interpolate import CubicSpline
 
-        curve = CubicSpline(knots, corners, bc_type=kind)
+        curve = CubicSpline(knots, corners, bc_type="natural")
     s = np.linspace(0.0, knots[-1], _GRID + 1)
     speeds = _speed_profile(curve, s, velocity, acceleration)
     return _sample(curve, s, speeds)

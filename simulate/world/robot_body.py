@@ -27,7 +27,7 @@ from simulate.robots.description import (
 )
 from simulate.robots.other_hands import cup_with_wrist
 from simulate.world.arm_cup import ArmCup
-from simulate.world.world import World
+from simulate.world.world import World, places_of
 
 __all__ = ["REST_OPENING", "FingerTouch", "HandTouch", "RobotBody"]
 
@@ -407,9 +407,19 @@ class RobotBody:
         pose: Floats = base_from_root @ root_from_parent @ mounted @ _FRAME_FROM_OPTICAL
         return pose
 
-    def describe(self, name: str) -> dict[str, Any]:
-        """Return the registration of the robot as JSON data: hands, cameras, frames."""
+    def describe(self, name: str, places: list[dict[str, Any]] | None = None) -> dict[str, Any]:
+        """Return the registration of the robot as JSON data: hands, cameras, frames, places.
+
+        Parameters
+        ----------
+        places
+            Tables and boxes as of :func:`simulate.world.world.places_of`; default: those of the
+            world, if the robot stands at its origin.
+        """
         robot = self.description
+        if places is None:
+            is_at_origin = np.allclose(self.world_from_base, np.eye(4))
+            places = places_of(self.world) if is_at_origin else []
         return {
             "name": name,
             "model": robot.model,
@@ -417,6 +427,7 @@ class RobotBody:
             "end_effectors": [_hand_message(robot, arm) for arm in self.arms.values()],
             "cameras": [_camera_message(camera) for camera in robot.cameras.values()],
             "frames": [self.base_frame, *robot.frames],
+            "places": places,
         }
 
     def _camera(self, name: str | None) -> CameraMount:

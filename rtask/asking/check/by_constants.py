@@ -10,7 +10,7 @@ from rtask.asking.check.look import Look
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context, Demand, family
 from rtask.asking.check.vocabulary import local
-from rtask.asking.check.wording import demanded, label_of
+from rtask.asking.check.wording import articled, demanded, label_of
 
 __all__ = ["ByConstants"]
 
@@ -88,7 +88,7 @@ class ByConstants(Look):
         if not kinds:
             return "a class"
         specific = sorted(self._vocabulary.most_specific(kinds))
-        return f"a {label_of(self._vocabulary, specific[0])}"
+        return articled(label_of(self._vocabulary, specific[0]))
 
 
 def _with(demand: Demand, thing: Node) -> Edge:

@@ -17,6 +17,7 @@ from rtask.asking.check.syntax.outline import Edge, Node, Outline
 from rtask.asking.check.syntax.writing import written
 from rtask.asking.check.types import TYPE
 from rtask.asking.check.vocabulary import local
+from rtask.asking.questions.words import split_name
 from rtask.sparql.place_service import PLACE_SERVICE
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ _SUB_CLASS = (ontology.PREFIXES["rdfs"] + "subClassOf", ontology.PREFIXES["owl"]
 _OF_SERVICE = {
     ontology.NS + name for name in ("matches", "score", "text", "lang", "limit", "subjects")
 }
+_AUXILIARIES = re.compile(r"^(?:has|is|was|get)(?=[A-Z])")
 # These are open: applications use terms of them that no loaded ontology repeats.
 _OPEN = tuple(ontology.PREFIXES[name] for name in ("sh", "unit"))
 
@@ -196,7 +198,20 @@ class Unknown:
             rating = likeness(name, other) + (0.1 if iri.startswith(namespace) else 0.0)
             if rating >= _MIN_LIKENESS:
                 rated.append((-rating, iri))
-        return [iri for _, iri in sorted(rated)[:12]]
+        near = [iri for _, iri in sorted(rated)[:12]]
+        names = _names(node)
+        called = [iri for iri in known if iri not in near and self._is_called(iri, names)]
+        return sorted(called)[:_OFFERED] + near
+
+    def _is_called(self, iri: str, names: tuple[str, str]) -> bool:
+        """Return whether a term has the words of an unknown one as its label, or for its name.
+
+        ``rt:Carton`` is a label of ``rt:Box``, and ``rt:hasName`` says no more than ``rt:name``.
+        """
+        bare, spoken = names
+        return self._vocabulary.lowered[iri] == bare or spoken in self._vocabulary.labels.get(
+            iri, ()
+        )
 
     def _things(self, node: Node) -> list[str]:
         """Return the things of the graph whose IRIs or names are near an unknown one."""
@@ -236,6 +251,9 @@ class Unknown:
             return Finding(rule, severity, node.start, node.end, words)
         if edge is not None:
             candidates = self._fitting.ranked(candidates, node, edge)
+        names = _names(node)
+        known = self._vocabulary.lowered
+        candidates.sort(key=lambda iri: not (iri in known and self._is_called(iri, names)))
         repairs = []
         for iri in candidates[:_OFFERED]:
             text = written(iri, self._outline.prefixes, self._kb.base)
@@ -252,6 +270,12 @@ class Unknown:
 
     def _short(self, node: Node) -> str:
         return written(node.value, self._outline.prefixes, self._kb.base)
+
+
+def _names(node: Node) -> tuple[str, str]:
+    """Return the name of an unknown term without "has" or "is", and its words as a label."""
+    name = local(node.value)
+    return _AUXILIARIES.sub("", name).lower(), " ".join(split_name(name)).lower()
 
 
 def _iris(edge: Edge) -> list[Node]:

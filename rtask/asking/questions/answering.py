@@ -7,7 +7,6 @@ question; what they name fills its slots; its query is shown beside the answer.
 from __future__ import annotations
 
 import datetime as dt
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -30,7 +29,7 @@ from rtask.asking.questions.filling import (
     individual,
     unused_mentions,
 )
-from rtask.asking.questions.matching import NEAR, Asked, Match, matcher
+from rtask.asking.questions.matching import APART, ASKED, NEAR, Asked, Match, matcher
 from rtask.asking.questions.mentions import (
     MAX_MENTIONS,
     Mention,
@@ -40,10 +39,12 @@ from rtask.asking.questions.mentions import (
     tokens_of,
     with_called,
 )
+from rtask.asking.questions.missing import missing_name, missing_number, not_named
 from rtask.asking.questions.periods import Period, find_period
-from rtask.asking.questions.sentences import MAX_CLAUSES, MAX_LISTED, names_of, sentence
+from rtask.asking.questions.scope import command, superlatives, unanswerable
+from rtask.asking.questions.sentences import MAX_CLAUSES, called_only, names_of, sentence
 from rtask.asking.questions.why import why_of
-from rtask.asking.questions.words import split_name, stem
+from rtask.asking.questions.words import split_name, stem, uncontracted
 from rtask.errors import UsageError
 from rtask.rdf.terms import Term, python_value
 from rtask.sparql.results import Solutions
@@ -231,10 +232,13 @@ def answer(
     matches = matcher().matches(reading.asked)
     nearest = _nearest(matches)
     best = matches[0]
+    if command(text):
+        words = "That tells a robot to do something, and nothing was done: here are only answers."
+        return _unanswered(text, reading, _with_nearest(words, nearest), nearest)
+    if missing := missing_number(reading.tokens, reading.mentions):
+        return _unanswered(text, reading, not_named(missing, reading.mentions), nearest)
     if best.score < NEAR:
-        listed = "; ".join(item.question for item in nearest)
-        words = f"None of the questions is near to that. The nearest are: {listed}"
-        return _unanswered(text, reading, words, nearest)
+        return _unanswered(text, reading, _with_nearest(_FAR, nearest), nearest)
     return _answered(run, text, reading, best.question, nearest)
 
 
@@ -243,8 +247,10 @@ def _answered(
 ) -> Answer:
     """Return the answer to one of the questions, or why its slots cannot be filled."""
     filled = fill(question, reading.mentions, reading.period)
-    if missing := _missing(question, filled, reading):
-        return _unanswered(text, reading, _not_named(missing, reading), nearest)
+    if missing := missing_name(question, filled, reading.tokens, reading.ignored):
+        return _unanswered(text, reading, not_named(missing, reading.mentions), nearest)
+    if why := _out_of_scope(text, reading, question, nearest):
+        return _unanswered(text, reading, _with_nearest(why, nearest), nearest)
     if nearest[0].likeness > MIN_WORDED and nearest[0].likeness - nearest[1].likeness < CLEARLY:
         listed = " Or: ".join(item.question for item in nearest[:2])
         return _unanswered(text, reading, f"That can mean: {listed} Ask one of them.", nearest)
@@ -265,7 +271,8 @@ def _answered(
         return _unanswered(text, reading, words, nearest)
     if reading.period is not None and all(item.period is None for item in filled):
         unused.append(reading.period.text)
-    reading = replace(reading, ignored=(*reading.ignored, *unused))
+    unused += superlatives(text, question.text)
+    reading = replace(reading, ignored=tuple(dict.fromkeys([*reading.ignored, *unused])))
     rows = run(_limited(sparql))
     is_cut = len(rows) > MAX_ROWS
     count = None if counts is None else _count(run, counts, rows, is_cut)
@@ -282,7 +289,7 @@ def _answered(
         {str(python_value(term)): name for term, name in names.items()},
         _counted_words(count)
         + _answer_words(question, filled, reading, rows, names, is_cut)
-        + _called_only(run, filled, rows),
+        + called_only(run, filled, rows),
         nearest,
         is_cut,
         why_of(run, rows, sparql),
@@ -290,15 +297,22 @@ def _answered(
     )
 
 
-def _not_named(missing: str, reading: _Reading) -> str:
-    """Return words for a name that nothing has."""
-    if any(item.is_cut for item in reading.mentions):
-        return (
-            f"Whether anything is called {missing!r} is not known: the words name more than "
-            f"{MAX_MENTIONS} things, of which {MAX_MENTIONS} were looked at. A full name in "
-            "quotes, or an IRI, names fewer."
-        )
-    return f"Nothing in the graph is called {missing!r}; `rtask search` looks for words."
+_FAR = "None of the questions is near to that."
+
+
+def _out_of_scope(
+    text: str, reading: _Reading, question: Question, nearest: tuple[Near, ...]
+) -> str:
+    """Return why the nearest question is not the one that is asked, or nothing."""
+    asked, phrases = reading.asked, matcher().phrases(question)
+    why = unanswerable(text, asked.words, asked.names, reading.ignored, phrases)
+    first, second = nearest[0].likeness, nearest[1].likeness
+    return why or (_FAR if first < ASKED and first - second < APART else "")
+
+
+def _with_nearest(words: str, nearest: tuple[Near, ...]) -> str:
+    listed = "; ".join(item.question for item in nearest)
+    return f"{words} The nearest are: {listed}"
 
 
 def _counting(
@@ -362,7 +376,7 @@ def _read(run: Select, text: str, base: str, now: dt.datetime) -> _Reading:
     for at, token in enumerate(tokens):
         covering = [item for item in mentions if item.start <= at < item.end]
         words += sorted({f"@{item.role}" for item in covering if item.start == at})
-        for part in split_name(token.strip('"<>').lower()):
+        for part in split_name(uncontracted(token.strip('"<>').lower())):
             word = stem(part)
             if covering:
                 names.add(word)
@@ -399,28 +413,6 @@ def _nearest(matches: list[Match]) -> tuple[Near, ...]:
         near = Near(item.question.key, item.question.text, item.score)
         groups.setdefault(item.question.group, near)
     return tuple(groups.values())[:_LISTED]
-
-
-_BEFORE_A_NAME = frozenset(re.findall(r"\w+", "the a an this that my our any of with at for to"))
-
-
-def _missing(question: Question, filled: list[Filled], reading: _Reading) -> str:
-    """Return a word that was to name something for an empty slot of the question, or nothing.
-
-    Answering about everything instead would pass for an answer about that.
-    """
-    has = {item.slot for item in filled}
-    empty = [slot for slot in question.slots if slot not in has and slot.role != "time"]
-    if not empty:
-        return ""
-    is_essential = any(slot.is_constant and not slot.is_list for slot in empty)
-    for at, token in enumerate(reading.tokens):
-        before = reading.tokens[at - 1].lower() if at else ""
-        is_name = token.lower() in reading.ignored or token.startswith('"')
-        is_written_so = token.startswith('"') or (at > 0 and token[0].isupper())
-        if is_name and (is_essential or is_written_so or before in _BEFORE_A_NAME):
-            return token.strip('"')
-    return ""
 
 
 def _limited(sparql: str) -> str:
@@ -473,23 +465,6 @@ def _answer_words(
             given.setdefault(slot.role, " ".join(split_name(slot.term.partition(":")[2])))
     more = f" There are more than {MAX_ROWS} rows." if is_cut else ""
     return sentence(question.answer, rows, names, given) + more + doubt
-
-
-def _called_only(run: Select, filled: list[Filled], rows: Solutions) -> str:
-    """Return a sentence about things that are called a kind which nobody has stated of them.
-
-    A question for the instances of a class cannot answer with them; saying nothing would deny them.
-    """
-    answered = {term for row in rows for term in row}
-    left = [
-        term for item in filled if item.slot.role == "kind" and not item.is_kind
-        for term in item.called if term not in answered
-    ]  # fmt: skip
-    if not left:
-        return ""
-    names = list(dict.fromkeys(names_of(run, left).values()))
-    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-    return f" Called so, but not known to be of that kind: {', '.join(names[:MAX_LISTED])}{more}."
 
 
 def _unanswered(text: str, reading: _Reading, words: str, nearest: tuple[Near, ...]) -> Answer:

@@ -11,7 +11,7 @@ from functools import cache
 from itertools import pairwise
 
 from rtask.asking.questions.catalogue import Phrase, Question, questions
-from rtask.asking.questions.words import STOP, concept
+from rtask.asking.questions.words import STOP, concept, has_synonyms
 
 __all__ = ["Asked", "Match", "Matcher", "matcher"]
 
@@ -25,7 +25,15 @@ _UNFILLED = 0.12
 _UNUSED = 0.12
 _SIMILAR_SPELLING = 0.8
 NEAR = 0.2
+"""Likeness from which a question is looked at: what is named may be missing in the graph."""
+ASKED = 0.35
 """Likeness from which a question counts as asked."""
+APART = 0.1
+"""By how much the next question is farther away where less likeness is enough.
+
+To questions that mean none of these, the nearest two are about as near.
+"""
+_QUESTION_WORDS = ("which", "what", "where", "when", "whose", "there", "many", "much")
 
 Vector = Mapping[str, float]
 
@@ -81,6 +89,10 @@ class Matcher:
         )
         self._vectors = [(question, *self._compared(phrases)) for question, phrases in self._asked]
 
+    def phrases(self, question: Question) -> Sequence[Phrase]:
+        """Return the phrases with which a question is compared."""
+        return next(phrases for item, phrases in self._asked if item is question)
+
     def _compared(self, phrases: Sequence[Phrase]) -> tuple[list[Vector], Vector]:
         """Return the vectors of phrases, and how usual each feature is in them, up to 1."""
         counts = Counter(feature for item in phrases for feature in _features(item.words))
@@ -89,7 +101,8 @@ class Matcher:
 
     def matches(self, asked: Asked) -> list[Match]:
         """Return all questions, the most alike first."""
-        weights = self._weights(asked.words, asked.names)
+        names = frozenset(w if has_synonyms(w) else concept(w) for w in asked.names)
+        weights = self._weights(asked.words, names)
         result = [
             Match(question, _likeness(weights, vectors, usual) - _misfit(question, asked.roles))
             for question, vectors, usual in self._vectors
@@ -98,7 +111,14 @@ class Matcher:
 
     def corrected(self, word: str) -> str:
         """Return a word, or the one of the questions that it is a misspelling of."""
-        if len(word) < 5 or word in self.vocabulary or concept(word) != word or word in STOP:
+        if self.is_familiar(word):
+            return word
+        if len(word) >= 4 and (swapped := _swapped(word, {*_QUESTION_WORDS, *self.vocabulary})):
+            return swapped
+        if len(word) == 4 and word.isalpha():
+            near = difflib.get_close_matches(word, _QUESTION_WORDS, 1, _SIMILAR_SPELLING)
+            return near[0] if near else word
+        if len(word) < 5 or word in self.vocabulary or has_synonyms(word) or word in STOP:
             return word
         near = difflib.get_close_matches(
             word, [w for w in self.vocabulary if len(w) > 3], n=1, cutoff=_SIMILAR_SPELLING
@@ -129,6 +149,12 @@ def _features(words: Sequence[str]) -> set[str]:
     content = [word for word in concepts if word not in STOP]
     pairs = {f"{a} {b}" for a, b in pairwise(content)}
     return {*concepts, *pairs}
+
+
+def _swapped(word: str, others: Iterable[str]) -> str:
+    """Return the word of which one is written with two neighbouring letters swapped, or nothing."""
+    turned = {word[:at] + word[at + 1] + word[at] + word[at + 2 :] for at in range(len(word) - 1)}
+    return next((other for other in sorted(others) if other in turned and other != word), "")
 
 
 def _slot_feature(word: str) -> str:

@@ -19,8 +19,8 @@ from rtask.rdf.terms import Literal, NamedNode, Term
 from rtask.sparql.results import Solutions
 
 __all__ = [
-    "MAX_MENTIONS", "Mention", "Select", "find_by_part", "find_mentions", "tokens_of",
-    "with_called",
+    "MAX_MENTIONS", "Mention", "Select", "find_by_part", "find_mentions", "is_numbered",
+    "tokens_of", "with_called",
 ]  # fmt: skip
 
 Select = Callable[[str], Solutions]
@@ -180,7 +180,7 @@ def find_by_part(
     """
     end = "[^a-z]*$" if at_end else "([^a-z]|$)"
     words = {
-        form: at for at in places
+        form: at for at in places if not is_numbered(tokens[at])
         for form in (tokens[at].lower(), stem(tokens[at].lower()), *single_words(tokens[at]))
         if len(form) >= MIN_PART and form.isalpha()
     }  # fmt: skip
@@ -209,6 +209,15 @@ SELECT DISTINCT ?word ?named ?role WHERE {{
         Mention(at, at + 1, tokens[at], role, tuple(dict.fromkeys(terms)), is_cut=is_cut)
         for (at, role), terms in sorted(called.items())
     ]
+
+
+def is_numbered(token: str) -> bool:
+    """Return whether a word is the name of a single thing: carton-7 is not just any carton.
+
+    >>> [is_numbered(token) for token in ("carton-7", "kb:object/7", "7", "2026-11-30", "nao")]
+    [True, True, False, False, False]
+    """
+    return re.match(r"[^\W\d_].*\d", token) is not None
 
 
 def _text(term: Term) -> str:
@@ -241,6 +250,9 @@ def _candidates(
             continue
         for name in forms(words):
             names.setdefault(name, []).append((start, end))
+        if end - start > 1 and words[-1].isdigit():  # "carton 6" for carton-6
+            for name in forms(["-".join(words)]):
+                names.setdefault(name, []).append((start, end))
         if base and end - start <= 2:
             local = _read(reader, "kb:" + "/".join(words))
             if local is not None:
@@ -261,8 +273,10 @@ def _is_modal(tokens: list[str], start: int, end: int) -> bool:
 
 
 def _asks_how(tokens: Sequence[str], item: Mention) -> bool:
-    """Return whether a trait is asked for, as in "how heavy is it?", and does not name a thing."""
-    return item.role == "trait" and item.start > 0 and tokens[item.start - 1].lower() == "how"
+    """Return whether a trait is asked for, and does not name a thing: "how heavy", "heaviest"."""
+    is_most = item.text.lower().endswith("iest")
+    before = tokens[item.start - 1].lower() if item.start else ""
+    return item.role == "trait" and (is_most or before == "how")
 
 
 def _is_term(token: str) -> bool:

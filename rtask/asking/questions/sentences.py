@@ -6,11 +6,12 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import ontology
+from rtask.asking.questions.filling import Filled
 from rtask.asking.questions.mentions import Select
 from rtask.rdf.terms import Literal, NamedNode, Term, python_value
 from rtask.sparql.results import Solutions
 
-__all__ = ["MAX_CLAUSES", "MAX_LISTED", "names_of", "sentence", "spoken"]
+__all__ = ["MAX_CLAUSES", "MAX_LISTED", "called_only", "names_of", "sentence", "spoken"]
 
 MAX_CLAUSES = 5
 MAX_LISTED = 12
@@ -49,6 +50,23 @@ def names_of(select: Select, terms: Iterable[Term | None]) -> dict[Term, str]:
         elif isinstance(product, Literal):
             names[term] = f"{product.value} ({names[term][-4:]})"
     return names
+
+
+def called_only(select: Select, filled: Iterable[Filled], rows: Solutions) -> str:
+    """Return a sentence about things that are called a kind which nobody has stated of them.
+
+    A question for the instances of a class cannot answer with them; saying nothing would deny them.
+    """
+    answered = {term for row in rows for term in row}
+    left = [
+        term for item in filled if item.slot.role == "kind" and not item.is_kind
+        for term in item.called if term not in answered
+    ]  # fmt: skip
+    if not left:
+        return ""
+    names = list(dict.fromkeys(names_of(select, left).values()))
+    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+    return f" Called so, but not known to be of that kind: {', '.join(names[:MAX_LISTED])}{more}."
 
 
 def _end(text: str) -> str:

@@ -6,7 +6,16 @@ import re
 import unicodedata
 from collections.abc import Iterator
 
-__all__ = ["STOP", "concept", "forms", "split_name", "stem", "words_of"]
+__all__ = [
+    "STOP",
+    "concept",
+    "forms",
+    "has_synonyms",
+    "split_name",
+    "stem",
+    "uncontracted",
+    "words_of",
+]
 
 _WORD = re.compile(r"@?\w+(?:[-'’]\w+)*")
 _CAMEL = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
@@ -19,11 +28,14 @@ _IRREGULAR = {
         "hold": "held", "lose": "lost loss losing", "see": "saw seen sees", "meet": "met",
         "take": "took taken taking", "break": "broke broken", "give": "gave given giving",
         "know": "knew known", "find": "found", "stand": "stood", "choose": "chose chosen choosing",
-        "can": "could", "run": "ran running", "lie": "lying lay lain", "put": "putting",
+        "can": "could", "run": "ran running", "lie": "lies lying lay lain", "put": "putting",
         "think": "thought", "come": "came coming", "go": "went gone going goes", "get": "got",
         "make": "made making", "bring": "brought", "say": "said says", "fall": "fell fallen",
         "tell": "told", "show": "shown", "let": "letting", "use": "used using uses",
-        "move": "moved moving", "vessel": "vessels", "box": "boxes", "this": "these",
+        "heavy": "heavier heaviest", "large": "larger largest", "big": "bigger biggest",
+        "wide": "wider widest", "tall": "taller tallest", "high": "higher highest",
+        "move": "moved moving", "handle": "handled handling",
+        "vessel": "vessels", "box": "boxes", "this": "these",
         "that": "those", "fail": "failure failures", "succeed": "success successes",
     }.items()
     for form in irregular.split()
@@ -31,7 +43,7 @@ _IRREGULAR = {
 _GROUPS = """
 robot machine
 object thing item article
-fail failure unsuccessful unsuccessfully wrong mistake problem trouble
+fail failure unsuccessful unsuccessfully wrong mistake problem trouble struggle
 succeed success successful successfully hold work manage secure
 try attempt trial tried
 grasp grip pick grab seize grasping
@@ -54,7 +66,7 @@ evidence support basis base rest measure proof show
 predict prediction expect expectation prior anticipate forecast
 long slow slower longer duration second seconds
 often frequent frequently frequency common count many number
-refuse refusal decline reject abstain
+refuse refusal decline reject abstain skip
 subtask sub-task step part divide decompose consist belong compose
 overlap simultaneous simultaneously parallel concurrent concurrently
 convert transform transformation conversion
@@ -147,8 +159,14 @@ def _undoubled(word: str, was_verb: bool) -> str:
     return word
 
 
+def _bare(word: str) -> str:
+    """Return a stem without the last "e", which the stems of "stored" and "store" do not share."""
+    is_kept = len(word) <= 4 or word in STOP or word.startswith("@")
+    return word if is_kept else word.removesuffix("e")
+
+
 _CONCEPTS = {
-    stem(word): group.split()[0]
+    _bare(stem(word)): _bare(group.split()[0])
     for group in reversed(_GROUPS)
     for word in group.split()
     if word not in STOP
@@ -161,7 +179,17 @@ def concept(word: str) -> str:
     >>> concept("attempt"), concept("gripper"), concept("mug")
     ('try', 'hand', 'mug')
     """
-    return _CONCEPTS.get(word, word)
+    bare = _bare(word)
+    return _CONCEPTS.get(bare, bare)
+
+
+def has_synonyms(word: str) -> bool:
+    """Return whether a stem belongs to a group of words that mean the same.
+
+    >>> has_synonyms("gripper"), has_synonyms("mug")
+    (True, False)
+    """
+    return _bare(word) in _CONCEPTS
 
 
 def words_of(text: str) -> list[str]:
@@ -173,9 +201,21 @@ def words_of(text: str) -> list[str]:
     return [word if word.startswith("@") else stem(word) for word in raw_words(text)]
 
 
+def uncontracted(word: str) -> str:
+    """Return a word without what is contracted with it.
+
+    >>> [uncontracted(word) for word in ("didn't", "can't", "what's", "mug")]
+    ['did', 'can', 'what', 'mug']
+    """
+    plain = word.replace("’", "'")
+    if plain.endswith("n't"):
+        return {"ca": "can", "wo": "will", "sha": "shall"}.get(plain[:-3], plain[:-3])
+    return plain.partition("'")[0]
+
+
 def raw_words(text: str) -> list[str]:
     """Return the words of a text in lower case, without accents."""
-    return [word.partition("'")[0].partition("’")[0] for word in _WORD.findall(_fold(text))]
+    return [uncontracted(word) for word in _WORD.findall(_fold(text))]
 
 
 def forms(words: list[str]) -> Iterator[str]:

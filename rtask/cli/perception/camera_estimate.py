@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -144,9 +145,11 @@ def _say(
         "reprojection_px": estimated.reprojection_px, "focal_error_px": estimated.focal_error_px,
         "centre_error_px": estimated.centre_error_px,
     }  # fmt: skip
+    place_error_m = 0.0
     if place is not None:
+        place_error_m = math.hypot(place.place_error_m, estimated.board_error_m)
         report |= {
-            "depth_views": place.views, "place_error_m": place.place_error_m,
+            "depth_views": place.views, "place_error_m": place_error_m,
             "depth_scale": place.depth_scale, "residual_m": place.residual_m,
         }  # fmt: skip
     if as_json:
@@ -163,7 +166,7 @@ def _say(
         right, down, forth = 1000 * place.colour_from_depth[:3, 3]
         click.echo(
             f"depth camera at {right:.1f} {down:.1f} {forth:.1f} mm of the colour camera "
-            f"(+-{1000 * place.place_error_m:.1f}), by {place.views} boards"
+            f"(+-{1000 * place_error_m:.1f}), by {place.views} boards"
         )
         if abs(place.depth_scale - 1) > _MAX_SCALE_OFF:
             click.echo(f"depth is {place.depth_scale:.3f} times what the board says")

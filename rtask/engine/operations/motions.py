@@ -102,7 +102,7 @@ class RecalledMotions(Answer):
 
     motions: list[RecordedMotion]
     """the same body first, then the latest first"""
-    refused: list[RecordedMotion]
+    rejected: list[RecordedMotion]
     """some that cannot be followed, with the reason; without positions"""
     motions_left_out: int
     """how many more were recorded, of at most 500 that were looked at; max_motions asks for them"""
@@ -120,7 +120,7 @@ def recall_motions(context: Context, request: RecallMotions, access: Access) -> 
     records = motion_records(context, thing, request.held, _LATEST)
     records.sort(key=lambda record: bool(body.difference(record)))
     offered: list[RecordedMotion] = []
-    refused: list[RecordedMotion] = []
+    rejected: list[RecordedMotion] = []
     judged = 0
     for record in records:
         if len(offered) == request.max_motions:
@@ -129,9 +129,11 @@ def recall_motions(context: Context, request: RecallMotions, access: Access) -> 
         answer = _answer(context, record, body, request)
         if answer.positions:
             offered.append(answer)
-        elif len(refused) < request.max_motions:
-            refused.append(answer)
-    return RecalledMotions(motions=offered, refused=refused, motions_left_out=len(records) - judged)
+        elif len(rejected) < request.max_motions:
+            rejected.append(answer)
+    return RecalledMotions(
+        motions=offered, rejected=rejected, motions_left_out=len(records) - judged
+    )
 
 
 def _parts(joints: Sequence[FollowingJoint]) -> list[JointPart]:

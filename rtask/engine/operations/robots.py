@@ -6,20 +6,21 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Literal
 from urllib.parse import quote
 
-from annotated_types import Ge, MaxLen, MinLen
+from annotated_types import Ge, Le, MaxLen, MinLen
 from pydantic import Field
 
 from rtask.engine.grippers import hand_of
 from rtask.engine.names import slug, tail
 from rtask.engine.operations.operation import operation
 from rtask.engine.records.places import state_frame_of
+from rtask.engine.records.workplace import state_places
 from rtask.engine.triples import Triples
 from rtask.errors import ConflictError, ForbiddenError, UsageError
 from rtask.rdf.namespaces import CORA, RDF, RT, local_name
 from rtask.rdf.terms import Literal as RdfLiteral
 from rtask.rdf.terms import NamedNode, Quad, object_term, stored_quad
 from rtask.wire.message import Answer, Message
-from rtask.wire.types import Flag, Number, Text, Texts, Unit, Whole
+from rtask.wire.types import Flag, Number, Pose, Text, Texts, Unit, Whole
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Camera",
     "EndEffector",
+    "PlaceOfWork",
     "RegisterRobot",
     "RegisteredRobot",
     "register_robot",
@@ -94,6 +96,23 @@ class Camera(Message):
     """farthest depth; default: not known"""
 
 
+class PlaceOfWork(Message):
+    """A table or box at which a robot works."""
+
+    name: Annotated[Text, MinLen(1), MaxLen(200)]
+    """name by which the robot reports that it put something there"""
+    pose: Pose
+    """geometry_msgs/Pose of the middle of its surface (a box: of its floor), z up, in frame_id"""
+    frame_id: Text | None = None
+    """frame of the robot, as in tf; default: its base frame"""
+    length: Annotated[Number, Unit("m"), Ge(1e-3), Le(100)]
+    """size of the surface along x of the pose; of a box, inside the walls"""
+    width: Annotated[Number, Unit("m"), Ge(1e-3), Le(100)]
+    """size of the surface along y of the pose"""
+    rim_height: Annotated[Number, Unit("m"), Ge(0), Le(100)] = 0.0
+    """height of the walls of a box above its floor; 0 for a table"""
+
+
 class RegisterRobot(Message):
     """Description of a robot by itself."""
 
@@ -109,6 +128,8 @@ class RegisterRobot(Message):
     """its cameras"""
     frames: Annotated[Texts, MaxLen(200)] = Field(default_factory=list)
     """names of its frames, the base frame first"""
+    places: Annotated[list[PlaceOfWork], MaxLen(100)] = Field(default_factory=list)
+    """tables and boxes at which it works, where they are now; what was put there is drawn there"""
     replace: Flag = False
     """whether the body has changed since the last registration; default: another one is refused"""
 
@@ -150,6 +171,7 @@ def register_robot(context: Context, request: RegisterRobot, access: Access) -> 
         graph = context.kb.graphs.agent(name)
         robot = context.kb.graphs.agent_iri(name)
         triples = _robot_triples(context, robot, request)
+        edit = state_places(context, triples, robot, author, request.places, request.frames)
         stated = {stored_quad(Quad(s, p, object_term(v), graph)) for s, p, v in triples}
         present: set[Quad] = set()
         for subject in {quad.subject for quad in stated}:
@@ -168,6 +190,8 @@ def register_robot(context: Context, request: RegisterRobot, access: Access) -> 
             for quad in outdated:
                 tx.remove(quad.subject, quad.predicate, quad.object)
             tx.add_quads(stated - present)
+            for statement in edit.statements:
+                tx.add(*statement)
         changed = tx.commit.added or tx.commit.removed
     return RegisteredRobot(
         robot=robot.value,

@@ -20,15 +20,17 @@ _ARROW, _CUBE, _SPHERE, _CYLINDER, _LINES, _TEXT = 0, 1, 2, 3, 5, 9
 _DELETE_ALL = 3
 _AXIS_M, _LINE_M, _TEXT_M, _DOT_M, _FLAT_M = 0.15, 0.006, 0.05, 0.05, 0.002
 _AXES = ((1.0, 0.1, 0.1), (0.1, 0.8, 0.1), (0.2, 0.4, 1.0))
+_PLACE, _CORNERS = (0.7, 0.6, 0.5), ((-1, -1), (1, -1), (1, 1), (-1, 1))
 _THING, _ROBOT, _DOUBT, _WHITE = (0.2, 0.5, 1.0), (0.9, 0.6, 0.1), (1.0, 0.8, 0.2), (1.0,) * 3
 
 
 def world_markers(scene: Mapping[str, Any], make: Make) -> Any:
     """Return a visualization_msgs/MarkerArray of what is where.
 
-    Frames, such as those of tables, are axes, robots are arrows, things are boxes of their size,
-    the paler the less sure it is that they are still there, above a disc within which they then
-    are with a chance of 90 %. The stamp is zero: rviz takes the latest transform of the root.
+    Frames are axes, robots are arrows, tables and boxes are plates of their size, and things are
+    boxes of theirs, the paler the less sure it is that they are still there, above a disc within
+    which they then are with a chance of 90 %. The stamp is zero: rviz takes the latest transform
+    of the root.
 
     Parameters
     ----------
@@ -42,7 +44,7 @@ def world_markers(scene: Mapping[str, Any], make: Make) -> Any:
     cleared.action, cleared.header.frame_id = _DELETE_ALL, scene["frame_id"]
     shown.markers = [cleared]
     for number, node in enumerate(scene["nodes"]):
-        for marker in _NODES[node["kind"]](node, make):
+        for marker in _NODES.get(node["kind"], _unknown)(node, make):
             marker.header.frame_id, marker.id = scene["frame_id"], number
             shown.markers.append(marker)
     return shown
@@ -68,6 +70,31 @@ def _robot(node: Mapping[str, Any], make: Make) -> Iterator[Any]:
     yield _label(make, "robot names", node, 2 * _TEXT_M)
 
 
+def _place(node: Mapping[str, Any], make: Make) -> Iterator[Any]:
+    if not node["size"]:
+        return
+    length, width, rim = (float(side) for side in node["size"])
+    plate = _marker(make, "places", _CUBE, _PLACE, 0.6, node["pose"])
+    plate.scale.x, plate.scale.y, plate.scale.z = length, width, _FLAT_M
+    yield plate
+    if rim > 0:
+        walls = _marker(make, "rims", _LINES, _PLACE, 1.0, node["pose"])
+        walls.scale.x = _LINE_M
+        corners = [(a * length / 2, b * width / 2) for a, b in _CORNERS]
+        for (x, y), (u, v) in zip(corners, corners[1:] + corners[:1], strict=True):
+            for ends in (((x, y, 0.0), (x, y, rim)), ((x, y, rim), (u, v, rim))):
+                for end in ends:
+                    point = make("geometry_msgs/Point")
+                    point.x, point.y, point.z = end
+                    walls.points.append(point)
+        yield walls
+
+
+def _unknown(_node: Mapping[str, Any], _make: Make) -> Iterator[Any]:
+    """Draw nothing for a kind of a newer server."""
+    return iter(())
+
+
 def _thing(node: Mapping[str, Any], make: Make) -> Iterator[Any]:
     size = node["size"] or [_DOT_M] * 3
     sure = min(max(float(node["still_there"]), 0.0), 1.0)
@@ -88,7 +115,7 @@ def _thing(node: Mapping[str, Any], make: Make) -> Iterator[Any]:
 
 
 _NODES: Mapping[str, Callable[[Mapping[str, Any], Make], Iterator[Any]]] = {
-    "frame": _frame, "robot": _robot, "thing": _thing,
+    "frame": _frame, "robot": _robot, "place": _place, "thing": _thing,
 }  # fmt: skip
 
 

@@ -3385,9 +3385,23 @@ class SupportSurface(CorpuscularObject):
     """Something on which objects stand, such as a table.
 
     ``rt:SupportSurface``
+
+    Attributes
+    ----------
+    rim_height
+        The height of the walls around the surface; none or 0 for a table. [M]
+    surface_length
+        The size along x of the body frame, whose origin is the middle of the surface on which
+        things stand and whose z axis points up; for a box, that of its floor. [M]
+    surface_width
+        The size along y of the body frame. [M]
     """
 
     __iri__: ClassVar[str] = _RT + "SupportSurface"
+
+    rim_height: One[float] = One(_RT + "rimHeight", _XSD + "double", unit="M")
+    surface_length: One[float] = One(_RT + "surfaceLength", _XSD + "double", unit="M")
+    surface_width: One[float] = One(_RT + "surfaceWidth", _XSD + "double", unit="M")
 
 
 class TaskPlan(Task):

@@ -22,6 +22,7 @@ from rtask.world.scene.nodes import (
     SceneSurface,
     box_corners,
     grasp_lines,
+    wall_boxes,
 )
 
 __all__ = ["glb"]
@@ -34,6 +35,7 @@ _GLTF_FROM_ROOT = np.array(
 )  # fmt: skip
 _RED, _GREEN, _BLUE = (0.76, 0.25, 0.05), (0.08, 0.5, 0.24), (0.11, 0.31, 0.85)
 _THING, _DOUBTFUL, _GRASP = (0.55, 0.65, 0.8), (0.75, 0.75, 0.75), (0.85, 0.55, 0.1)
+_PLACE = (0.72, 0.62, 0.5)
 _UNSEEN = (0.62, 0.62, 0.62)
 # Faces as corners of a box in the order of `box_corners`, counter-clockwise from outside.
 _FACES = np.array([
@@ -111,7 +113,8 @@ class _Document:
             key, build = (id(surface), colour), lambda: self._surface(surface, colour)
         elif node.size_m is not None:
             size, colour = node.size_m, _colour(node)
-            key, build = (size, colour), lambda: self._box(size, colour)
+            boxes = wall_boxes(size) if node.kind == "place" else [box_corners(size)]
+            key, build = (node.kind, size, colour), lambda: self._boxes(boxes, colour)
         else:
             return None
         if key not in self._mesh_of:
@@ -146,12 +149,12 @@ class _Document:
             if part.any()
         ]
 
-    def _box(
-        self, size_m: tuple[float, float, float], colour: tuple[float, ...]
+    def _boxes(
+        self, boxes: list[NDArray[np.float64]], colour: tuple[float, ...]
     ) -> list[dict[str, Any]]:
-        corners = box_corners(size_m)[_FACES]
+        corners = np.concatenate([box[_FACES] for box in boxes])
         triangles = corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
-        normals = np.repeat(_NORMALS, 6, axis=0)
+        normals = np.tile(np.repeat(_NORMALS, 6, axis=0), (len(boxes), 1))
         return [self._primitive(triangles, _TRIANGLES, colour, normals)]
 
     def _primitive(
@@ -189,6 +192,8 @@ class _Document:
 
 
 def _colour(node: SceneNode) -> tuple[float, ...]:
+    if node.kind == "place":
+        return _PLACE
     return _THING if float(node.facts.get("stillThere", 1.0)) >= 0.5 else _DOUBTFUL
 
 

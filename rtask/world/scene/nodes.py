@@ -18,13 +18,15 @@ __all__ = [
     "Unplaced",
     "box_corners",
     "grasp_lines",
+    "wall_boxes",
 ]
 
-Kind: TypeAlias = Literal["frame", "robot", "thing", "grasp"]
+Kind: TypeAlias = Literal["frame", "robot", "place", "thing", "grasp"]
 Fact: TypeAlias = str | float
 
 AXIS_M = 0.1
 """Length of the axes that are drawn for a frame, m."""
+_WALL_M = 0.004
 _FINGER_M, _STEM_M, _DEFAULT_OPENING_M = 0.04, 0.04, 0.05
 
 
@@ -53,7 +55,7 @@ class SceneSurface:
 
 @dataclass(frozen=True, eq=False)
 class SceneNode:
-    """A frame, robot, thing or grasp.
+    """A frame, robot, place, thing or grasp.
 
     Parameters
     ----------
@@ -64,7 +66,9 @@ class SceneNode:
     parent_from_node : (4, 4) float64, m
     size_m
         Extents of a thing's box along x, y and z; None if not all are known. The origin is the
-        centre of its footprint, at the height of its support.
+        centre of its footprint, at the height of its support. Of a place, such as a table or box,
+        the size of its surface and the height of the walls around it; the origin is the middle of
+        the surface.
     opening_m
         Of the jaws of a grasp.
     surface
@@ -143,6 +147,26 @@ def grasp_lines(opening_m: float) -> NDArray[np.float64]:
         [(half, 0, -_FINGER_M), (-half, 0, -_FINGER_M)],
         [(0, 0, -_FINGER_M), (0, 0, -_FINGER_M - _STEM_M)],
     ])  # fmt: skip
+
+
+def wall_boxes(size_m: tuple[float, float, float]) -> list[NDArray[np.float64]]:
+    """Return the corners (8, 3), m, of each part of a place: its plate, and the walls if any.
+
+    The plate lies below the surface, and the walls around it, so that things stand between them.
+
+    >>> len(wall_boxes((0.5, 0.8, 0.0))), len(wall_boxes((0.2, 0.2, 0.1)))
+    (1, 5)
+    """
+    length, width, rim = size_m
+    outer = (length + 2 * _WALL_M, width + 2 * _WALL_M) if rim else (length, width)
+    parts = [((*outer, _WALL_M), (0.0, 0.0, -_WALL_M))]
+    if rim:
+        for sign in (-1, 1):
+            parts += [
+                ((_WALL_M, outer[1], rim), (sign * (length + _WALL_M) / 2, 0.0, 0.0)),
+                ((length, _WALL_M, rim), (0.0, sign * (width + _WALL_M) / 2, 0.0)),
+            ]
+    return [box_corners(size) + np.array(middle) for size, middle in parts]
 
 
 def box_corners(size_m: tuple[float, float, float]) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ from rtask.world.names import find_frame, label_of
 from rtask.world.placement import Placement
 from rtask.world.scene.grasps import DEFAULT_GRASPS, StoredGrasp, grasps_of
 from rtask.world.scene.nodes import Fact, Kind, Scene, SceneNode, SceneSurface, Unplaced
-from rtask.world.spots import Spot, Spots
+from rtask.world.spots import Spot, Spots, size_of
 from rtask.world.surfaces import read_surface, stored_mesh
 
 if TYPE_CHECKING:
@@ -91,13 +91,13 @@ class _Reader:
     time_s: float
     with_surfaces: bool
     _rooted: dict[str, Rooted] = field(default_factory=dict)
-    _robots: dict[str, list[str]] = field(default_factory=dict)
+    _bodies: dict[str, list[tuple[Kind, str]]] = field(default_factory=dict)
     _located: list[_Located] = field(default_factory=list)
     _unplaced: list[Unplaced] = field(default_factory=list)
     _surfaces: dict[str, SceneSurface | None] = field(default_factory=dict)
 
     def read_frames(self) -> None:
-        """Read the tree of frames, and on which of them robots stand."""
+        """Read the tree of frames, and which of them are those of robots, tables and boxes."""
         frames = self._subjects(RDF.type, RT.Frame)
         if len(frames) > MAX_FRAMES:
             raise TooLargeError(f"a scene has at most {MAX_FRAMES} frames; there are {len(frames)}")
@@ -108,14 +108,18 @@ class _Reader:
                 self._unplaced.append(Unplaced(frame, label, rooted.fault))
             else:
                 self._rooted[frame] = rooted
-        all_robots = set(self._subjects(RDF.type, CORA.Robot))  # products have a body frame as well
+        # Products and cameras have a body frame as well.
+        all_robots = set(self._subjects(RDF.type, CORA.Robot))
+        all_places = set(self._subjects(RDF.type, RT.SupportSurface))
         for quad in self.world.kb.match(None, RT.bodyFrame):
             if not (isinstance(quad.object, NamedNode) and isinstance(quad.subject, NamedNode)):
                 continue
-            if quad.subject.value in all_robots:
-                robots = self._robots.setdefault(quad.object.value, [])
-                if quad.subject.value not in robots:
-                    robots.append(quad.subject.value)
+            kind: Kind = "robot" if quad.subject.value in all_robots else "place"
+            if kind == "place" and quad.subject.value not in all_places:
+                continue
+            bodies = self._bodies.setdefault(quad.object.value, [])
+            if (kind, quad.subject.value) not in bodies:
+                bodies.append((kind, quad.subject.value))
 
     def read_exemplars(self) -> None:
         """Read the things that have a place."""
@@ -155,8 +159,9 @@ class _Reader:
             parent = rooted.path[1] if len(rooted.path) > 1 else None
             pose = rooted.poses[1] if parent else np.eye(4)
             add("frame", frame, parent, pose, self.world.frames.name_of(frame))
-            for robot in self._robots.get(frame, ()):
-                add("robot", robot, frame, np.eye(4))
+            for body, node in self._bodies.get(frame, ()):
+                size = size_of(self.world.kb, node) if body == "place" else None
+                add(body, node, frame, np.eye(4), size_m=size)
         shown = [thing for thing in self._located if thing.spot.root == root]
         products = {thing.iri: self.world.product_of(thing.iri) for thing in shown}
         grasps = grasps_of(self.world.kb, set(products.values()) - {""}, max_grasps)
@@ -191,7 +196,7 @@ class _Reader:
         frames = Counter(rooted.root for rooted in self._rooted.values())
         return {
             root: (things[root], frames[root]) for root in {*things, *frames}
-            if things[root] or frames[root] > 1 or root in self._robots
+            if things[root] or frames[root] > 1 or root in self._bodies
         }  # fmt: skip
 
     def _placed(self, thing: str, placement: Placement, spot: Spot) -> _Located:

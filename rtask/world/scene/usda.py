@@ -24,6 +24,7 @@ from rtask.world.scene.nodes import (
     SceneSurface,
     box_corners,
     grasp_lines,
+    wall_boxes,
 )
 
 __all__ = ["usda"]
@@ -33,7 +34,10 @@ _NO_IDENTIFIER = re.compile(r"[^A-Za-z0-9_]+")
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 _FACES = (0, 1, 3, 2, 4, 6, 7, 5, 0, 4, 5, 1, 2, 3, 7, 6, 0, 2, 6, 4, 1, 5, 7, 3)
 """Corners of the faces of a box, in the order of `box_corners`, counter-clockwise from outside."""
-_COLOURS = {"frame": (0.4, 0.4, 0.4), "grasp": (0.85, 0.55, 0.1), "thing": (0.55, 0.65, 0.8)}
+_COLOURS = {
+    "frame": (0.4, 0.4, 0.4), "grasp": (0.85, 0.55, 0.1), "thing": (0.55, 0.65, 0.8),
+    "place": (0.72, 0.62, 0.5),
+}  # fmt: skip
 _UNSEEN = (0.62, 0.62, 0.62)
 
 
@@ -115,13 +119,16 @@ def _shape(node: SceneNode) -> list[str]:
         return _surface(node.surface, _COLOURS[node.kind])
     if node.size_m is None:
         return []
-    corners = box_corners(node.size_m)
+    is_place = node.kind == "place"
+    boxes = wall_boxes(node.size_m) if is_place else [box_corners(node.size_m)]
+    corners = np.concatenate(boxes)
+    faces = [corner + 8 * number for number in range(len(boxes)) for corner in _FACES]
     bounds = _points(np.array([corners.min(axis=0), corners.max(axis=0)]))
     return [
         'def Mesh "shape"', "{",
         f"{_INDENT}float3[] extent = [{bounds}]",
-        f"{_INDENT}int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]",
-        f"{_INDENT}int[] faceVertexIndices = [{', '.join(map(str, _FACES))}]",
+        f"{_INDENT}int[] faceVertexCounts = [{', '.join(['4'] * (6 * len(boxes)))}]",
+        f"{_INDENT}int[] faceVertexIndices = [{', '.join(map(str, faces))}]",
         f"{_INDENT}point3f[] points = [{_points(corners)}]",
         f'{_INDENT}uniform token subdivisionScheme = "none"', f"{_INDENT}{colour}", "}",
     ]  # fmt: skip

@@ -101,7 +101,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         "astray_m": max((astray for astray, _ in followed), default=0.0),
         "free": sum(is_free for _, is_free in followed),
         "strange": len(strange["motions"]),
-        "said": sorted({motion["why_not"] for motion in strange["refused"]}),
+        "said": sorted({motion["why_not"] for motion in strange["rejected"]}),
         "things": _at_a_fresh_table(cell, offered, settings, number),
     }  # fmt: skip
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from simulate.world.noise import SensorNoise
 from simulate.world.objects import ObjectSpec
 from simulate.world.robot_body import RobotBody
 from simulate.world.scene import PlacedObject, Placement, lay
-from simulate.world.world import PlaceBox, World
+from simulate.world.world import PlaceBox, World, box_message, surface_message
 
 __all__ = ["OTHER_ROBOT", "Area", "Bench", "Layout", "Post", "Station"]
 
@@ -224,6 +225,14 @@ class Station:
         lift = float(self.world_from_base[2, 3])
         side = "left" if sum(y) > 0 else "right"
         return PlaceBox(side, x, y, box.floor - lift, box.rim - lift, box.wall)
+
+    def places(self) -> list[dict[str, Any]]:
+        """Return the areas and boxes that its hands get to, as it registers them."""
+        return [
+            box_message(name, self.boxes[name]) if name in self.boxes
+            else surface_message(name, *self.ranges(name), self.description.workplace.table_height)
+            for name in dict.fromkeys(n for names in self.post.reach.values() for n in names)
+        ]  # fmt: skip
 
     def ranges(self, name: str) -> tuple[Range, Range]:
         """Return the ranges of x and y of an area, m, base frame of this robot."""

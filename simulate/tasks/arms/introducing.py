@@ -58,7 +58,13 @@ def introduce(
     seed
         Of the choices of the robots.
     """
-    names = {name: station.robot.describe(name) for name, station in bench.stations.items()}
+    names: dict[str, dict[str, Any]] = {}
+    taken: set[str] = set()
+    for name, station in bench.stations.items():
+        # A place that several hands get to is one place, which the first robot describes.
+        described = [p for p in station.places() if p["name"] not in taken]
+        taken.update(place["name"] for place in described)
+        names[name] = station.robot.describe(name, described)
     robots = {
         name: str(planner.call("register_robot", **message)["robot"])
         for name, message in names.items()

@@ -44,11 +44,12 @@ from tests.benchmarks.endpoint.bench_endpoint import (
     free_port,
     process,
 )
-from tests.servers import running_server
+from tests.servers import RTASK, running_server
 
 THINGS, EACH = 2_000, 24
 CONNECTIONS, SECONDS, ROUNDS = 8, 2.0, 3
 LONG_ONES, POINTS = 4, 400
+INDIRECT = (sys.executable, "-m", "tests.benchmarks.endpoint.without_direct")
 KINDS = {
     "star": "SELECT ?p ?o WHERE {{ <urn:bench:s{n}> ?p ?o }}",
     "two": "SELECT ?o ?q WHERE {{ <urn:bench:s{n}> <urn:bench:p1> ?o . ?o <urn:bench:p2> ?q }}",
@@ -244,7 +245,9 @@ def long_queries(url: str, token: str) -> Iterator[None]:
             thread.join()
 
 
-def start(stack: contextlib.ExitStack, folder: Path) -> tuple[list[Side], list[Side], str, str]:
+def start(
+    stack: contextlib.ExitStack, folder: Path, with_indirect: bool
+) -> tuple[list[Side], list[Side], str, str]:
     """Start the servers; return those without answer cache, those with it, an address, a token."""
     triples = "".join(
         f"<urn:bench:s{i}> <urn:bench:p{p}> <urn:bench:s{(i * 31 + p) % THINGS}> .\n"
@@ -256,14 +259,19 @@ def start(stack: contextlib.ExitStack, folder: Path) -> tuple[list[Side], list[S
         if i % _CHAIN != _CHAIN - 1
     )
     ours, tokens, url = [], [], ""
-    for name, options in (("rtask", ["--no-cache"]), ("rtask, cache", [])):
+    setups: list[tuple[str, list[str], tuple[str, ...]]] = [
+        ("rtask", ["--no-cache"], RTASK), ("rtask, cache", [], RTASK),
+    ]  # fmt: skip
+    if with_indirect:
+        setups.append(("rtask, indirect", ["--no-cache"], INDIRECT))
+    for name, options, command in setups:
         data = folder / name.replace(", ", "-")
         rtask.open(data).close()
         with contextlib.closing(TokenStore(data)) as store:
             token, *more = (store.create("admin")[0] for _ in range(CONNECTIONS))
         # The rate is above what one machine can ask, so that the limiter works and does not bite.
         rates = ["--rate", "1e6", "--write-rate", "1e6"]
-        server = stack.enter_context(running_server(data, *rates, *options))
+        server = stack.enter_context(running_server(data, *rates, *options, command=command))
         httpx.put(
             f"{server.url}/store?graph=urn:benchmark",
             content=triples,
@@ -284,7 +292,7 @@ def start(stack: contextlib.ExitStack, folder: Path) -> tuple[list[Side], list[S
             f"http://127.0.0.1:{port}/store?default", content=triples, headers=headers, timeout=300
         )
         others.append(Side(Peer("oxigraph serve", port, pid)))
-    return [ours[0], *others], [ours[1], *others], url, tokens[0]
+    return [ours[0], *others, *ours[2:]], [ours[1], *others], url, tokens[0]
 
 
 def main() -> None:
@@ -295,12 +303,14 @@ def main() -> None:
     every = [*KINDS, *MANNERS, "repeated", "commits", "beside"]
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {', '.join(every)}")
     parser.add_argument("--clients", type=int, default=CONNECTIONS, help="default: %(default)s")
+    help_ = "also ask a server that answers nothing in its protocol, as without endpoint/direct"
+    parser.add_argument("--indirect", action="store_true", help=help_)
     options = parser.parse_args()
     kinds = options.kinds or every
     if unknown := set(kinds) - set(every):
         parser.error(f"unknown: {', '.join(sorted(unknown))}; choose from {', '.join(every)}")
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
-        plain, cached, url, token = start(stack, Path(folder))
+        plain, cached, url, token = start(stack, Path(folder), options.indirect)
         for name in ("pyoxigraph", "oxigraph", "uvicorn", "uvloop", "httptools"):
             with contextlib.suppress(importlib.metadata.PackageNotFoundError):
                 print(name, importlib.metadata.version(name), end="; ")

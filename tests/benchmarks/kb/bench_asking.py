@@ -19,6 +19,7 @@ import ontology
 import rtask
 from rtask.asking.check.checker import Checker
 from rtask.asking.check.findings import Finding
+from rtask.asking.questions import answer
 from rtask.asking.tools.toolbox import Toolbox
 from rtask.engine import Engine
 from rtask.engine.context import SCOPES
@@ -257,12 +258,14 @@ def report_words(shows_missed: bool) -> None:
     with kb:
         kb.load(ontology.path("examples/sample.trig"))
         kb.update(question_words.NAMED)
+        report_none(kb)
         for name, tries in (
             ("known, each left out", question_words.known(kb)),
             ("frozen before tuning", question_words.unseen(kb)),
             ("in three styles", question_words.unseen(kb, "asking_fifth.toml")),
             ("spoken, and by visitors", question_words.unseen(kb, "asking_sixth.toml")),
             ("in haste, and by heads", question_words.unseen(kb, "asking_seventh.toml")),
+            ("of students", question_words.unseen(kb, "asking_eighth.toml")),
         ):
             tried = list(tries)
             right = sum(one.is_filled for one in tried)
@@ -272,6 +275,18 @@ def report_words(shows_missed: bool) -> None:
             for one in tried if shows_missed else ():
                 if not one.is_filled:
                     print(f"  {one.right} understood as {one.got or 'none'}: {one.asked}")
+
+
+def report_none(kb: KnowledgeBase) -> None:
+    """Print how many questions that mean none of the ontology's are answered, which is wrong."""
+    for name, is_kept in (("tuned with", False), ("kept away", True)):
+        counts = {}
+        for kind, texts in question_words.none_of_them(is_kept).items():
+            answered = sum(answer(kb, words).is_understood for words in texts)
+            counts[kind] = (answered, len(texts))
+        wrong, all_of_them = (sum(column) for column in zip(*counts.values(), strict=True))
+        kinds = ", ".join(f"{kind} {n} of {of}" for kind, (n, of) in counts.items())
+        print(f"questions that mean none, {name}: {wrong} of {all_of_them} answered ({kinds})")
 
 
 def report(bench: Bench, show: str) -> None:

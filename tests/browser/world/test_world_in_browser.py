@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 import rtask
+from rtask.rdf.namespaces import PREFIXES
 from tests.browser.every_page.audits import AUDITS
 from tests.browser.pages import EACH_LOOK, LOOKS, fits, keep_picture, open_page
 from tests.rtask.world.conftest import _LAB, BASE, Lab
@@ -26,6 +27,12 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
         lab.stand(lab.table, lab.map, 2.0, 0.0, 0.0)
         lab.stand(lab.frame(), lab.map, 1.5, 0.0, 0.0)
         lab.see(lab.box, 0.3, -0.1, 10.0, frame=lab.table)
+        lab.stand(f"{BASE}frame/bin", lab.map, 2.0, 1.0, 0.0)
+        kb.update(
+            f"{PREFIXES} INSERT DATA {{ <{BASE}frame/bin> a rt:Frame ; rt:frameId 'bin' . "
+            "<urn:bin> a rt:SupportSurface ; rt:name 'bin' ; rt:surfaceLength 0.3e0 ; "
+            f"rt:surfaceWidth 0.2e0 ; rt:rimHeight 0.1e0 ; rt:bodyFrame <{BASE}frame/bin> }}"
+        )
         lab.put(lab.see(lab.cup, 0.3, 0.3, 10.0, frame=lab.table), "in", lab.left_box, 600.0)
     with running_server(folder) as running:
         yield running
@@ -48,6 +55,8 @@ def test_sliding_to_a_time_draws_and_lists_what_was_there(
         }""")
         page.get_by_text("2 things, 1 robot in the frame map").wait_for()
         assert drawing.get_by_text("blue cup").count() == 1
+        assert drawing.get_by_text("bin").count() == 1
+        assert drawing.locator(".line.place").count() == 12  # the edges of a box
         assert drawing.locator(".line.other").count() == 1  # the table, as far as it was seen
         row = page.get_by_role("row").filter(has_text="blue cup")
         assert "2.300, 0.300, 0.000" in row.inner_text()

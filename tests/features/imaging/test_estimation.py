@@ -109,8 +109,9 @@ def test_the_depth_camera_is_found_beside_colour(shots: Shots) -> None:
     found = estimate_lens(shots.pictures, BOARD)
     place = estimate_place(found.poses, BOARD, shots.depths_m, DEPTH)
     off = np.linalg.inv(PLACE) @ place.colour_from_depth
-    # The millimetres that the principal point leaves open at this distance.
-    assert np.abs(place.colour_from_depth[:3, 3] - PLACE[:3, 3]).max() < 0.004
+    stated_m = np.hypot(place.place_error_m, found.board_error_m)
+    # What the principal point leaves open at this distance is most of it.
+    assert np.abs(place.colour_from_depth[:3, 3] - PLACE[:3, 3]).max() < min(2 * stated_m, 0.004)
     assert np.degrees(np.arccos(np.clip((np.trace(off[:3, :3]) - 1) / 2, -1, 1))) < 0.6
     assert place.depth_scale == pytest.approx(SCALE, abs=0.008)
     assert place.place_error_m < 0.004

@@ -224,3 +224,13 @@ def test_a_footprint_that_is_not_finite_is_refused(change, words):
 def test_sizes_of_a_gripper_are_finite(change):
     with pytest.raises(ValueError, match=r"positive|finite"):
         replace(HAND, **change)
+
+
+def test_how_many_are_proposed_is_bounded_and_what_cannot_be_is_refused():
+    best = propose_planar(BOX, HAND, max_candidates=200)[0]
+    assert propose_planar(BOX, HAND, max_candidates=1) == [best]
+    with pytest.raises(ValueError, match="at least 1, got 0"):
+        propose_planar(BOX, HAND, max_candidates=0)
+    for shape in ((3,), (4, 2), (2, 2, 3)):
+        with pytest.raises(ValueError, match=r"neighbours must have shape \(m, 3\)"):
+            propose_planar(BOX, HAND, np.zeros(shape))

@@ -9,6 +9,8 @@ from collections.abc import Iterable
 import pytest
 
 from reasoner.facts.changes import FactChange, facts_in
+from reasoner.facts.layer import Layer
+from reasoner.facts.relations import Facts
 from reasoner.terms.dictionary import Fact
 
 FACT: Fact = (300, 301, 302)
@@ -56,3 +58,22 @@ def test_a_change_applied_is_the_difference_of_two_sets_and_two_make_one() -> No
 
 def between(before: Iterable[Fact], after: Iterable[Fact]) -> FactChange:
     return FactChange.between(FactChange.of(before, []).added, FactChange.of(after, []).added)
+
+
+def test_a_layer_shows_what_holds_after_its_changes_and_leaves_its_base() -> None:
+    chance = random.Random(5)
+    for _ in range(60):
+        before, after = drawn(chance), drawn(chance)
+        layer = Layer(Facts(before))
+        for fact in before - after:
+            assert layer.discard(*fact)
+        for fact in after - before:
+            assert layer.add(*fact)
+        assert (set(layer), len(layer)) == (after, len(after))
+        for p in (400, 401):
+            assert set(layer.pairs(p)) == {(s, o) for s, q, o in after if q == p}
+            assert all(set(layer.objects(p, s)) == {o for a, q, o in after if (a, q) == (s, p)}
+                       for s in range(300, 303))  # fmt: skip
+        assert set(layer.base) == before
+        layer.apply()
+        assert set(layer.base) == after

@@ -51,6 +51,10 @@ def test_the_questions_of_the_ontology_raise_no_alarm(kb: KnowledgeBase) -> None
          "SELECT ?a { ?a rt:executesGrasp ?g }"),
         ("SELECT ?a { ?a a rt:GraspAtempt }", "unknown-term", "certain",
          "SELECT ?a { ?a a rt:GraspAttempt }"),
+        ("SELECT ?o { ?o a rt:Carton }", "unknown-term", "certain",  # a label of the class
+         "SELECT ?o { ?o a rt:Box }"),
+        ("SELECT ?o ?n { ?o rt:hasName ?n }", "unknown-term", "certain",
+         "SELECT ?o ?n { ?o rt:name ?n }"),
         ("SELECT ?o { ?a a rt:GraspAttempt ; ^rt:hasOutcome ?o . ?o rt:success true }",
          "reversed", "certain",
          "SELECT ?o { ?a a rt:GraspAttempt ; rt:hasOutcome ?o . ?o rt:success true }"),

@@ -292,6 +292,6 @@ def test_more_names_than_are_looked_at_are_said(
     cut = find_mentions(kb.select, ["twin", "panda-1"], "urn:lab/")
     assert all(item.is_cut for item in cut)
     assert "were looked at: more may answer this" in answer(kb, text).sentence
-    missing = answer(kb, "where is the teapot now, says nao or pr2?")
+    missing = answer(kb, "where is the teapot now, says nao or rover?")
     assert not missing.is_understood
     assert missing.sentence.startswith("Whether anything is called 'teapot' is not known")

@@ -116,3 +116,10 @@ def test_an_arm_may_come_late_by_the_time_of_the_goal():
 def test_a_goal_that_says_nonsense_is_refused_before_the_arm_moves(fields, words):
     with pytest.raises(UsageError, match=words):
         course({**goal(), **fields})
+
+
+@pytest.mark.parametrize("position", [math.inf, "0.1", None])
+@pytest.mark.parametrize("name", ["path_tolerance", "goal_tolerance"])
+def test_a_tolerance_that_is_no_number_is_refused(name, position):
+    with pytest.raises(UsageError, match=f"{name}: elbow: expected a number of rad"):
+        course(goal(**{name: [{"name": "elbow", "position": position}]}))

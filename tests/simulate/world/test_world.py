@@ -148,6 +148,27 @@ def test_registration_names_both_hands_and_the_camera(robot):
     assert robot.base_frame in message["frames"]
 
 
+def test_registration_says_where_the_table_and_the_boxes_are():
+    with World() as world:
+        robot = RobotBody(world, describe_nao())
+        assert robot.describe("nao-1")["places"] == []
+        world.add_table()
+        box = world.add_place_box("left")
+        table, left = robot.describe("nao-1")["places"]
+        assert (table["name"], table["rim_height"]) == ("table", 0.0)
+        assert (left["name"], left["length"]) == (
+            "left box",
+            pytest.approx(world.workplace.box_inner),
+        )
+        assert [left["pose"]["position"][axis] for axis in "xyz"] == [
+            *box.centre,
+            world.table_height,
+        ]
+        aside = np.eye(4)
+        aside[0, 3] = 1.0
+        assert RobotBody(world, describe_nao(), aside).describe("nao-2")["places"] == []
+
+
 def test_a_robot_stands_where_it_is_put():
     with World() as world:
         pose = np.eye(4)

@@ -118,14 +118,22 @@ function shapesOf(scene) {
     points.push(origin);
     if (node.kind === "frame") {
       for (const [axis, look] of [[[AXIS_M, 0, 0], "x"], [[0, AXIS_M, 0], "y"], [[0, 0, AXIS_M], "z"]]) things.push({ kind: "line", points: [origin, at(node.pose, axis)], look: `axis ${look}` });
-      const robot = scene.nodes.find((one) => one.kind === "robot" && one.parent === number);
-      if (!robot) things.push({ kind: "label", at: origin, text: node.label, look: "frame" });
-      const outline = seenOn(scene, number);
+      const body = scene.nodes.find((one) => (one.kind === "robot" || one.kind === "place") && one.parent === number);
+      if (!body) things.push({ kind: "label", at: origin, text: node.label, look: "frame" });
+      const outline = body?.kind === "place" && body.size ? null : seenOn(scene, number);
       if (outline) things.push({ kind: "line", points: outline, look: "other" });
     } else if (node.kind === "robot") {
       things.push({ kind: "ball", at: at(node.pose, [0, 0, ROBOT_M]), radius: ROBOT_M, look: "robot" });
       things.push({ kind: "label", at: at(node.pose, [0, 0, -ROBOT_M]), text: node.label });
       for (const side of [-REACH_M, REACH_M]) points.push(at(node.pose, [side, side, 0]));
+    } else if (node.kind === "place") {
+      if (node.size) {
+        const corners = boxOf(node);
+        points.push(...corners);
+        // A table is a plate; a box has walls as high as its rim.
+        for (const [a, b] of EDGES) if (node.size[2] || (a % 2 === 0 && b % 2 === 0)) things.push({ kind: "line", points: [corners[a], corners[b]], look: "place" });
+      }
+      things.push({ kind: "label", at: at(node.pose, [node.size ? node.size[0] / 2 : 0, 0, 0]), text: node.label, look: "place" });
     } else if (node.kind === "thing" && node.poseOf === "place") {
       const where = JSON.stringify(node.pose);
       if (!within.has(where)) within.set(where, { node, names: [] });

@@ -29,21 +29,23 @@ class ShowWorld(Message):
     frame: Text | None = None
     """any frame of the tree: its name in tf, robot/name or its IRI; default: the fullest tree"""
     max_nodes: Annotated[Whole, Ge(1), Le(10_000)] = 2_000
-    """how many frames, robots and things are answered"""
+    """how many frames, robots, places and things are answered"""
 
 
 class DrawnNode(Answer):
-    """A frame, robot or thing."""
+    """A frame, robot, place or thing."""
 
     kind: str
-    """frame, robot or thing"""
+    """frame, robot, place (a table or box) or thing"""
     node: str
     """its IRI"""
     label: str
     pose: Json
-    """geometry_msgs/Pose in the root of the tree; of a thing, the middle of its footprint"""
+    """geometry_msgs/Pose in the root of the tree; of a thing, the middle of its footprint; of a
+    place, the middle of its surface"""
     size: list[float]
-    """extents of a thing's box along x, y and z, m; empty if they are not known"""
+    """extents of a thing's box along x, y and z, m, or length and width of a place and the height
+    of its rim; empty if they are not known"""
     radius90: float | None
     """distance within which a thing is with a chance of 90 %, m, if it is still there; null for
     others"""
@@ -67,7 +69,7 @@ class DrawnScene(Answer):
     """what has no pose, with the reason"""
 
 
-@operation("read", "reads", "list what is where at a time: frames, robots and things with poses")
+@operation("read", "reads", "list what is where at a time: frames, robots, places and things")
 def show_world(context: Context, request: ShowWorld, access: Access) -> DrawnScene:
     """Return what is where; grasps and surfaces are left out."""
     scene = context.world.scene(request.stamp, request.frame, 0, surfaces=False)

@@ -51,6 +51,8 @@ class StatedPlace(Answer):
 def state_place(context: Context, request: StatePlace, access: Access) -> StatedPlace:
     """End the last placement of a thing and begin a new one, in one commit.
 
+    A thing that was seen on or in the place keeps the pose at which it was seen.
+
     Raises
     ------
     ForbiddenError
@@ -71,8 +73,9 @@ def state_place(context: Context, request: StatePlace, access: Access) -> Stated
     with context.writing:
         time_s = stated_instant(request.stamp)
         added, withdrawn = moved(
-            context, request.thing, request.place, author, time_s, inside=request.inside
-        )
+            context, request.thing, request.place, author, time_s, inside=request.inside,
+            was_carried=False,
+        )  # fmt: skip
         with context.kb.transaction(access=author, note="state a place") as tx:
             for statement in withdrawn:
                 tx.remove(*statement)
@@ -116,6 +119,7 @@ def moved(
     time_s: float | None = None,
     *,
     inside: bool = False,
+    was_carried: bool = True,
 ) -> tuple[list[Statement], list[Statement]]:
     """Return what to state and to withdraw if a thing is at a place from a time on; None if lost.
 
@@ -125,6 +129,8 @@ def moved(
         Unix time; default: now.
     inside
         Whether it is in the place, and not on it.
+    was_carried
+        Whether it was brought there; if not, it keeps a pose that is there.
 
     Raises
     ------
@@ -143,5 +149,5 @@ def moved(
     relation: Relation = "in" if inside else "on"
     if context.kb.match(None, RT.hasEndEffector, node):
         relation = "held_by"
-    edit.put(thing, relation, place, time_s, agent)
+    edit.put(thing, relation, place, time_s, agent, was_carried=was_carried)
     return edit.drain()

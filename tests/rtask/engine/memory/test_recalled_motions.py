@@ -59,7 +59,7 @@ def second(filled, robots):
 
 def recalled(robot, **asked):
     answer = robot.call("recall_motions", **asked)
-    return answer["motions"], answer["refused"], answer["motions_left_out"]
+    return answer["motions"], answer["rejected"], answer["motions_left_out"]
 
 
 def test_a_robot_of_the_same_body_is_offered_what_held_and_told_what_it_cannot_follow(second):

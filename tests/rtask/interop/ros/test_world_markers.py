@@ -63,6 +63,22 @@ def test_the_answer_has_frames_robots_and_things_in_the_root(
     assert 0.5 < cup["still_there"] <= 1
 
 
+def test_tables_are_plates_and_boxes_have_rims(make: Make) -> None:
+    pose = {"position": {"x": 1.0, "y": 0.0, "z": 0.5},
+            "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}  # fmt: skip
+    nodes = [
+        {"kind": kind, "node": "urn:p", "label": "p", "pose": pose, "size": size}
+        for kind, size in (
+            ("place", [0.6, 0.8, 0.0]), ("place", [0.2, 0.2, 0.1]), ("place", []), ("newer", []),
+        )
+    ]  # fmt: skip
+    found = by_namespace(world_markers({"frame_id": "map", "nodes": nodes}, make))
+    assert [(plate.scale.x, plate.scale.y) for plate in found["places"]] == [(0.6, 0.8), (0.2, 0.2)]
+    (rim,) = found["rims"]
+    assert {round(point.z, 6) for point in rim.points} == {0.0, 0.1}
+    assert len(rim.points) == 16
+
+
 def test_more_nodes_than_asked_for_are_counted(lab: Lab, scene: dict[str, Any]) -> None:  # noqa: F811
     with Engine(lab.kb) as engine:
         asked = {"stamp": lab.noon + 100.0, "max_nodes": 2}

@@ -1,0 +1,151 @@
+"""What was put on or into something stays there until a look says otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from rtask.engine import Engine
+from rtask.errors import UsageError
+from rtask.rdf.namespaces import PREFIXES
+from tests.rtask.world.conftest import Lab, pose
+
+NAO = {
+    "name": "nao-1", "model": "nao-h25-v5", "frames": ["base"],
+    "end_effectors": [
+        {"name": "hand", "gripper_type": "nao_hand", "max_opening": 0.06, "max_payload": 0.3}
+    ],
+}  # fmt: skip
+
+
+def surface(name: str, x: float, y: float, side: float, rim: float = 0.0) -> dict[str, object]:
+    at = {"position": {"x": x, "y": y, "z": 0.0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    return {"name": name, "pose": at, "length": side, "width": side, "rim_height": rim}
+
+
+@pytest.fixture
+def engine(lab: Lab) -> Iterator[Engine]:
+    """The robot's box is 14 cm wide, at (0.2, 0.3); its table 60 cm, at (0.4, 0)."""
+    with Engine(lab.kb) as engine:
+        yield engine
+
+
+@pytest.fixture
+def places(lab: Lab, engine: Engine, monkeypatch: pytest.MonkeyPatch) -> Lab:
+    monkeypatch.setattr("rtask.engine.records.workplace.time", lambda: lab.noon - 60.0)
+    given = [surface("left box", 0.2, 0.3, 0.14, 0.05), surface("table", 0.4, 0.0, 0.6)]
+    engine.call("register_robot", {**NAO, "places": given})
+    return lab
+
+
+def last(lab: Lab, thing: str) -> tuple[str, str, bool]:
+    """Return how a thing is related to which place, and whether its pose is known."""
+    placement = lab.kb.world.last_placement(thing)
+    assert placement is not None
+    assert placement.is_current
+    name = placement.place.rpartition("/")[2]
+    return placement.relation, name, placement.frame_from_subject is not None
+
+
+def test_a_look_into_the_box_keeps_a_thing_in_it_and_adds_its_pose(places: Lab) -> None:
+    cup = places.see(places.cup, 0.5, 0.1, 0)
+    places.put(cup, "held_by", places.hand(), 10)
+    places.put(cup, "in", places.left_box, 20)
+    assert places.see(places.cup, 0.22, 0.28, 30) == cup
+    assert last(places, cup) == ("in", "left%20box", True)
+    assert places.current(cup) == 1
+    (answer,) = places.ask(cup, 40).exemplars
+    assert (answer.relation, answer.place, answer.since_s) == (
+        "in", places.left_box, places.noon + 20,
+    )  # fmt: skip
+    assert answer.frame_from_exemplar[:2, 3] == pytest.approx((0.22, 0.28))
+    # Seen to have rolled to the other wall, it is in the box all the same.
+    places.see(places.cup, 0.15, 0.34, 50, exemplar=cup)
+    assert last(places, cup) == ("in", "left%20box", True)
+    assert places.ask(cup, 60).exemplars[0].since_s == places.noon + 20
+
+
+def test_a_look_beside_the_box_ends_that_a_thing_is_in_it(places: Lab) -> None:
+    cup = places.see(places.cup, 0.5, 0.1, 0)
+    places.put(cup, "in", places.left_box, 20)
+    places.see(places.cup, 0.5, -0.1, 30, exemplar=cup)
+    assert last(places, cup) == ("at", "", True)
+    places.put(cup, "in", places.left_box, 40)
+    above = places.seen(places.cup, 0.2, 0.3, 50, exemplar=cup)
+    above.frame_from_exemplar[2, 3] = 0.6  # on a shelf above
+    edit = places.edit()
+    edit.see(above)
+    places.commit(edit, "nao-1")
+    assert last(places, cup) == ("at", "", True)
+
+
+def test_what_is_stated_of_a_thing_in_sight_keeps_its_pose(places: Lab, engine: Engine) -> None:
+    table = places.left_box.replace("left%20box", "table")
+    cup = places.see(places.cup, 0.5, 0.1, 0)
+    stated = {"thing": cup, "stamp": places.noon + 10}
+    engine.call("state_place", {**stated, "place": table})
+    assert last(places, cup) == ("on", "table", True)
+    # In the box it is not where it was seen, so somebody took it there.
+    engine.call("state_place", {**stated, "place": places.left_box, "stamp": places.noon + 20})
+    assert last(places, cup) == ("on", "left%20box", False)
+
+
+def test_of_two_in_one_box_each_is_seen_once(places: Lab) -> None:
+    first, second = (places.see(places.cup, 0.5, y, 0) for y in (0.1, -0.1))
+    for thing in (first, second):
+        places.put(thing, "held_by", places.hand(), 10)
+        places.put(thing, "in", places.left_box, 20)
+    edit = places.edit()
+    seen = [edit.see(places.seen(places.cup, x, 0.3, 30)) for x in (0.15, 0.25)]
+    places.commit(edit, "nao-1")
+    assert sorted(seen) == sorted((first, second))
+    assert {last(places, thing) for thing in seen} == {("in", "left%20box", True)}
+    doubts = places.kb.world.doubts(seen[0])
+    assert doubts == [(seen[1], 0.5)], "nobody knows which of the two is which"
+
+
+def test_where_nobody_knows_a_place_only_what_was_seen_contradicts_it(lab: Lab) -> None:
+    lab.kb.update(f"{PREFIXES} INSERT DATA {{ <urn:shelf> a rt:SupportSurface ; rt:name 'shelf' }}")
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.put(cup, "on", "urn:shelf", 10)
+    assert lab.see(lab.cup, 0.301, 0.1, 20) == cup  # it stands where it stood
+    assert last(lab, cup) == ("on", "urn:shelf", True)
+    lab.see(lab.cup, 0.4, 0.1, 30, exemplar=cup)  # somebody shoved it
+    assert last(lab, cup) == ("on", "urn:shelf", True)
+    lab.see(lab.cup, 0.9, 0.1, 40, exemplar=cup)  # somebody took it away
+    assert last(lab, cup) == ("at", "", True)
+
+
+def test_a_table_does_not_walk_along_and_a_second_registration_changes_nothing(
+    places: Lab, engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = {**NAO, "places": [surface("table", 0.4, 0.0, 0.6)]}
+    places.stand(places.frame(), places.map, 1.0, 0.0, 0)
+    monkeypatch.setattr("rtask.engine.records.workplace.time", lambda: places.noon + 10.0)
+    engine.call("register_robot", given)
+    assert engine.call("register_robot", given).as_json()["commit"] == ""
+    places.stand(places.frame(), places.map, 3.0, 0.0, 50)
+    frame = places.left_box.replace("place/left%20box", "frame/table")
+    rooted = places.kb.world.frames.rooted(frame, places.noon + 60)
+    assert rooted.root == places.map
+    assert rooted.poses[-1][:2, 3] == pytest.approx((1.4, 0.0))
+    with pytest.raises(UsageError, match=r"places\[1\]\.name: 'table' is given twice"):
+        engine.call("register_robot", {**NAO, "places": given["places"] * 2})
+
+
+def test_the_scene_has_tables_and_boxes_with_what_stands_in_them(places: Lab) -> None:
+    cup = places.see(places.cup, 0.5, 0.1, 0)
+    places.put(cup, "in", places.left_box, 20)
+    scene = places.kb.world.scene(places.noon + 30)
+    poses = {
+        node.label: (node.kind, node.size_m, at)
+        for node, at in zip(scene.nodes, scene.root_from_nodes(), strict=True)
+        if node.kind in ("place", "thing")
+    }
+    assert set(poses) == {"left box", "table", "blue cup"}
+    assert poses["left box"][:2] == ("place", (0.14, 0.14, 0.05))
+    assert poses["table"][:2] == ("place", (0.6, 0.6, 0.0))
+    assert np.allclose(poses["blue cup"][2], pose(0.2, 0.3))
+    assert scene.unplaced == ()
