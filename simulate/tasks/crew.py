@@ -123,7 +123,8 @@ class Crew:
                 self._close(plan, "given_up", "its deadline is over")
                 self._cancel(plan, "its deadline is over")
             elif plan["state"] == "blocked":
-                goes_on |= self._resume(plan)
+                self._look_for(plan)
+                goes_on |= self._plan_again(plan)
             elif plan["state"] == "failed" or plan["task"] in stuck:
                 began = time.process_time()
                 goes_on |= self._repair(plan)
@@ -164,20 +165,16 @@ class Crew:
         hopeless = self._rearranging.hopeless(plan)
         return self._give_up(plan, hopeless) if hopeless else self._plan_again(plan)
 
-    def _resume(self, plan: Mapping[str, Any]) -> bool:
-        """Plan what was left open if it is within reach now; return whether there is more to do."""
-        again = self.planner.call("plan_goal", goal=plan["goal"])
-        if again["steps"] or again["complete"]:
-            return self._plan_again(plan)
-        self._close(plan, "partly", "; ".join(plan["open_goals"]))
-        return False
-
     def _plan_again(self, plan: Mapping[str, Any]) -> bool:
+        """Store a plan for what is within reach now; return whether there is more to do."""
         try:
             again = self.planner.call("plan_goal", goal=plan["goal"])
             if again["complete"] and not again["steps"]:
                 self._close(plan, "reached")
                 self._cancel(plan, "the goal holds already")
+                return False
+            if plan["state"] == "blocked" and not again["steps"]:
+                self._close(plan, "partly", "; ".join(plan["open_goals"]))
                 return False
             may_be_part = plan["allows_part"] and again["refusals"]
             if not again["complete"] and not may_be_part:
@@ -203,8 +200,7 @@ class Crew:
 
     def _look_for(self, plan: Mapping[str, Any]) -> None:
         """Let every robot look for the things of a plan of which nobody knows where they are."""
-        tasks = " ".join(f"<{step['task']}>" for step in plan["steps"])
-        for row in self.planner.query(_LOST % tasks):
+        for row in self.planner.query(_LOST % plan["task"]):
             item = str(row["thing"])
             for executor in self.robots.values():
                 place = executor.body.find(item)
@@ -221,7 +217,7 @@ def _refused(plan: Mapping[str, Any]) -> str:
 
 _LOST = f"""{PREFIXES}
 SELECT DISTINCT ?thing WHERE {{
-  VALUES ?task {{ %s }} ?task rt:handlesExemplar ?thing
+  <%s> rt:replacesPlan*/rt:hasSubTask/rt:handlesExemplar ?thing
   FILTER NOT EXISTS {{ ?thing rt:locatedOn ?place }}
 }}"""
 

@@ -34,6 +34,8 @@ from simulate.world.seeds import mix_seed
 __all__ = ["ArmBody", "Sighting"]
 
 _MAX_PLANS = 10
+_TURNED = 2
+"""Spots at which a thing is turned for the next robot, and directions tried there: each is work."""
 _RESEMBLES = 0.35
 """Half of what the graph accepts: enough to know again what is expected to be there."""
 _SAME_SIZE = 0.35
@@ -232,8 +234,10 @@ class ArmBody:
         there = [Obstacle.around("neighbour", seen.points.astype(np.float64), request.table_height)
                  for seen in view.perceived.objects]  # fmt: skip
         run.plan = replace(run.plan, obstacles=(*run.plan.obstacles, *there))
-        closings = (
-            () if request.round else tuple(self.robot.ways(area, spot, request) for spot in spots)
+        turned = () if request.round else spots[:_TURNED]
+        closings = tuple(
+            self.robot.ways(area, spot, request)[:_TURNED] if spot in turned else ()
+            for spot in spots
         )
         return run.place_within(*self.robot.station.ranges(area), spots, closings)
 

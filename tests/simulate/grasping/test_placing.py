@@ -272,3 +272,15 @@ def _pose(rotation: Floats, position: Floats) -> Floats:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, position
     return pose
+
+
+def test_a_thing_is_turned_as_asked_where_that_is_possible_and_anyhow_elsewhere():
+    spot = PlaceSpot(0.2, ((0.4, 0.1), (0.5, 0.1)), closings=((0.0, np.pi / 2), ()))
+    turned = [
+        (centre, None if way is None else way.round(6).tolist()) for centre, way in spot.turned
+    ]
+    assert turned == [
+        ((0.4, 0.1), [1.0, 0.0, 0.0]), ((0.4, 0.1), [0.0, 1.0, 0.0]),
+        ((0.4, 0.1), None), ((0.5, 0.1), None),
+    ]  # fmt: skip
+    assert [way for _, way in PlaceSpot.on_table(0.4, 0.1, 0.2).turned] == [None]

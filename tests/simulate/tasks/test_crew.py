@@ -204,6 +204,9 @@ def test_what_becomes_impossible_meanwhile_does_not_keep_robots_from_the_rest(wo
     (plan,) = world.planner.call("list_plans")["plans"]
     assert plan["state"] == "blocked"
     assert [text.partition(" located")[0] for text in plan["open_goals"]] == ["red cup"]
+    world.lab.where[CUP] = TABLE
+    assert [run.result for run in world.crew().work()] == ["reached"], "robots look for it again"
+    assert world.lab.where[CUP] == LEFT
 
 
 def test_the_command_stores_a_plan_and_lets_robots_carry_it_out(tmp_path, capsys):

@@ -11,6 +11,7 @@ import rtask
 from rtask.cli import main
 from rtask.engine import Engine
 from rtask.rdf.namespaces import PREFIXES
+from simulate.grasping.rules import GraspRequest
 from simulate.tasks.arms.bench import Bench
 from simulate.tasks.arms.introducing import introduce, survey
 from simulate.tasks.arms.layouts import own_table, place_things, sorting_table
@@ -55,6 +56,32 @@ def test_robots_of_both_sides_see_a_thing_at_one_place(tmp_path):
         spots = np.array(robot.free_spots("right part", 0.03, view.perceived))
         assert np.linalg.norm(seen.points[None, :, :2] - spots[:, None], axis=2).min() > 0.015
         assert robot.free_spots("right part", 0.5, view.perceived) == ()
+        # Where its arm does not get to, a camera of the Panda sees what lies in a box.
+        panda = RobotAtBench(bench.stations["panda-1"])
+        assert panda.shows("left box")
+        assert not robot.shows("left box")
+        bench.put(bench.laid[0].body, 0.15, 0.21)
+        assert bench.area_of(bench.laid[0].body) == "left box"
+        _, inside = panda.look_at("left box")  # the can, and what is seen of the walls
+        seen_at = [(panda.station.world_from_base @ [*s.position, 0.0, 1.0])[:2] for s in inside]
+        assert min(np.hypot(*(at - [0.15, 0.21])) for at in seen_at) < _APART_M
+    finally:
+        bench.close()
+
+
+def test_a_spot_for_the_next_robot_is_one_where_its_hand_gets_around_the_thing(tmp_path):
+    """Farther from the Nao than its arm is long, there is no way; and none is asked for alone."""
+    bench = Bench(sorting_table(), [], tmp_path, preset="fast")
+    try:
+        panda = RobotAtBench(bench.stations["panda-1"])
+        request = GraspRequest(0.0, 0.0, 0.0, width=0.033, height=0.08, length=0.033, round=True)
+        nao = bench.stations["nao-1"]
+        (x0, x1), (y0, y1) = panda.station.ranges("left part")
+        middle = ((x0 + x1) / 2, (y0 + y1) / 2)
+        assert panda.ways("left part", middle, request)
+        far = nao.world_from_base @ [0.45, -0.1, 0.0, 1.0]
+        assert not nao.gets_to("right_arm", far, request, 0.0)
+        assert panda.ways("middle", middle, request) == ()
     finally:
         bench.close()
 
