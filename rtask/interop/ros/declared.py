@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from rtask.errors import UsageError
-from rtask.interop.ros.schema import PACKAGE, Arity, Code, Field, Record, Schema, Service
+from rtask.interop.ros.schema import PACKAGE, REFUSED, Arity, Code, Field, Record, Schema, Service
 from rtask.wire.fields import Kind, absence, kind_of, wire_name
 from rtask.wire.message import Message
 from rtask.wire.ros import LIST, Member, camel_case, ros_types
@@ -50,7 +50,7 @@ def declared_schema(operations: Iterable[Declared]) -> Schema:
         reader.schema.services[operation.name] = Service(
             name,
             Record(name, summary, reader.fields(operation.request)),
-            Record(name, _first_line(operation.answer), reader.fields(operation.answer)),
+            Record(name, _first_line(operation.answer), reader.answered(operation.answer)),
         )
     return reader.schema
 
@@ -61,6 +61,16 @@ class _Reader:
     def __init__(self) -> None:
         self.schema = Schema()
         self._models: dict[str, type[BaseModel]] = {}
+
+    def answered(self, model: type[BaseModel]) -> tuple[Field, ...]:
+        """Return the fields of an answer, beside which each response has one of its own."""
+        fields = self.fields(model)
+        if REFUSED in (field.name for field in fields):
+            raise UsageError(
+                f"{model.__name__}: {REFUSED} is the field of each response that says why an "
+                "operation was not carried out; give the answer's field another name"
+            )
+        return fields
 
     def fields(self, model: type[BaseModel]) -> tuple[Field, ...]:
         """Return the fields of a request, an answer or a record in one."""

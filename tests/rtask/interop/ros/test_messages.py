@@ -252,6 +252,16 @@ def test_names_that_ros_cannot_have_stop_the_generator():
         declared_schema([declared(Reserved)])
 
 
+def test_a_field_that_every_response_has_is_no_field_of_an_answer():
+    class Judged(Answer):
+        """What was judged."""
+
+        refused: list[str]
+
+    with pytest.raises(UsageError, match="Judged: refused is the field of each response"):
+        declared_schema([declared(answer=Judged)])
+
+
 def test_the_source_package_is_written_again_but_nothing_else_is_overwritten(tmp_path):
     written = write_source(SCHEMA, tmp_path)
     (written / "msg" / "Old.msg").write_text("bool old\n")
