@@ -206,7 +206,7 @@ class Unknown:
     def _is_called(self, iri: str, names: tuple[str, str]) -> bool:
         """Return whether a term has the words of an unknown one as its label, or for its name.
 
-        ``rt:Carton`` is a label of ``rt:Box``, and ``rt:hasName`` says no more than ``rt:name``.
+        A carton is a box by its label, and a name with "has" before it says no more than without.
         """
         bare, spoken = names
         return self._vocabulary.lowered[iri] == bare or spoken in self._vocabulary.labels.get(

@@ -42,6 +42,7 @@ from simulate.world.seeds import mix_seed, stream
 
 __all__ = ["PAIRS", "run_trial"]
 
+_OTHER_BODY = {"panda": "nao", "nao": "panda"}
 PAIRS = ("panda, the same body", "nao, the same arm", "nao, the other arm")
 """Who follows whose movements; they take turns."""
 _FRESH, _TAUGHT = 84, 85
@@ -81,7 +82,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     with rtask.open(":memory:", reason=False) as kb, Engine(kb) as engine:
         for name in (_TEACHER, _FOLLOWER):
             _register(engine, name, cell.robot)
-        _register(engine, _STRANGER, cell_of("nao" if robot == "panda" else "panda").robot)
+        _register(engine, _STRANGER, _stranger(robot))
         sources = _store(kb, engine, cell.robot, taught)
         answered = [
             motion
@@ -107,7 +108,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
 
 def _stranger(robot: str) -> RobotDescription:
-    return cell_of("nao" if robot == "panda" else "panda").robot
+    return cell_of(_OTHER_BODY[robot]).robot
 
 
 @lru_cache(maxsize=2)

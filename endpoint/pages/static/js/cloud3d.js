@@ -106,7 +106,7 @@ export function cloudIn3D(three, place, onPick) {
     redraw();
   }
 
-  function lookAt(cloud, camera_, grasps) {
+  function lookAt(cloud, camera_, grasps = []) {
     const [low, high] = roundAll(cloud, grasps.flatMap((grasp) => grasp.lines));
     const middle = high.map((value, axis) => (value + low[axis]) / 2);
     const size = Math.max(SEEN_M, Math.hypot(...high.map((value, axis) => value - low[axis])));

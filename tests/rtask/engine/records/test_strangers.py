@@ -37,6 +37,7 @@ NOBODY = {
     "task": "a purpose: pick, place",
     "frame_id": "a name within the robot's own frames",
     "frames": "names within the robot's own frames",
+    "places": "where the robot that registers works, by names within it",
     "confirmed_by": "a kind of judge",
     "attempt_number": "a count",
     "max_places": "a count",
