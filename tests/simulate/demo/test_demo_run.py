@@ -104,6 +104,7 @@ def test_every_product_that_was_met_has_its_name_kind_and_colour(finished: Any) 
     with rtask.open(folder / "store", mode="r") as kb:
         rows = kb.select(
             """PREFIX rt: <https://w3id.org/rtask-kg/ns#>
+            PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#>
             SELECT DISTINCT ?name { ?object rt:name ?name ; rt:hasColour ?colour ; a ?kind .
               ?kind rdfs:subClassOf rt:ManipulableObject FILTER(?kind != rt:ManipulableObject) }"""
         ).to_dicts()
