@@ -58,24 +58,37 @@ class ArmDriver(ActionArm):
         kind = type(make_message("sensor_msgs/JointState"))
         rospy.Subscriber("/joint_states", kind, lambda state: self.take_state(state), queue_size=1)
         action_kind = type(make_message("control_msgs/FollowJointTrajectoryAction"))
-        self._client = actionlib.SimpleActionClient(action, action_kind)
+        # A SimpleActionClient knows its goal only after it was sent, and loses the end of one that
+        # ends before.
+        self._client = actionlib.ActionClient(action, action_kind)
+        self._goal: Any = None
         if not self._client.wait_for_server(rospy.Duration.from_sec(wait_s)):
             raise RemoteUnavailableError(f"no action {name} answers within {wait_s:g} s")
 
     def send(self, way: Trajectory, ended: Callable[[GoalEnd], None]) -> None:
         """Send a goal; ``ended`` hears how it ended."""
-        goal = make_message("control_msgs/FollowJointTrajectoryGoal")
-        fill(goal, goal_message(way, self._joints), make_message)
-        self._client.send_goal(goal, done_cb=lambda state, result: ended(self._end(state, result)))
+        from actionlib import CommState
 
-    def _end(self, state: object, result: Any) -> GoalEnd:
-        words = result.error_string if result is not None else ""
-        return GoalEnd(
-            state,
-            result.error_code if result is not None else 0,
-            words or str(self._client.get_goal_status_text()),
-        )
+        def changed(goal: Any) -> None:
+            if goal.get_comm_state() == CommState.DONE:
+                ended(_end(goal))
+
+        message = make_message("control_msgs/FollowJointTrajectoryGoal")
+        fill(message, goal_message(way, self._joints), make_message)
+        self._goal = self._client.send_goal(message, changed)
 
     def cancel(self) -> None:
         """Cancel the goal."""
-        self._client.cancel_goal()
+        if self._goal is not None:
+            self._goal.cancel()
+
+
+def _end(goal: Any) -> GoalEnd:
+    """Return how a goal ended, given its handle."""
+    result = goal.get_result()
+    words = result.error_string if result is not None else ""
+    return GoalEnd(
+        goal.get_goal_status(),
+        result.error_code if result is not None else 0,
+        words or str(goal.get_goal_status_text()),
+    )
