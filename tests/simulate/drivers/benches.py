@@ -436,7 +436,8 @@ def send(child, do, **fields):
 def tell(child, do, **fields):
     """Have a process do something, and return its answer."""
     send(child, do, **fields)
-    return json.loads(child.expect("answer ").removeprefix("answer "))
+    # Longer than a driver's own patience: an answer that comes late would be that to the next.
+    return json.loads(child.expect("answer ", 2 * PATIENT_S).removeprefix("answer "))
 
 
 @contextlib.contextmanager
