@@ -83,7 +83,7 @@ class Console:
         if answer.rows:
             self.table("", answer.columns, answer.rows)
         else:
-            self.line("No rows: that did not happen.")
+            self.line("No rows: the graph has nothing of that.")
 
     def line(self, text: str = "") -> None:
         """Print a line of results."""

@@ -50,7 +50,7 @@ def commits_of(follow: Follow, may_go_on: Callable[[], bool]) -> Iterator[Commit
     Parameters
     ----------
     may_go_on
-        Asked after each time that the server went away; may wait.
+        Asked a moment after each time that the server went away.
 
     Raises
     ------
@@ -68,6 +68,7 @@ def commits_of(follow: Follow, may_go_on: Callable[[], bool]) -> Iterator[Commit
         except (GoneError, EpochChangedError) as error:
             version = str(error.details["version"])
             log.warning("rtask/changes: %s; commits in between are no messages", error)
+        time.sleep(_PAUSE_S)  # a server that ends each connection at once is not asked all the time
         if not may_go_on():
             return
 
@@ -103,9 +104,9 @@ class ChangeTopic:
 
     def _run(self) -> None:
         try:
-            for commit in commits_of(self._follow, self._is_heard_still):
+            for commit in commits_of(self._follow, self._is_heard):
                 # The next subscriber starts again.
-                if self._topic.get_num_connections() == 0:
+                if not self._is_heard():
                     break
                 self._topic.publish(change_message(commit, make_message))
         except RtaskError as error:
@@ -114,8 +115,7 @@ class ChangeTopic:
             with self._lock:
                 self._thread = None
 
-    def _is_heard_still(self) -> bool:
-        time.sleep(_PAUSE_S)
+    def _is_heard(self) -> bool:
         return bool(self._topic.get_num_connections())
 
 

@@ -230,7 +230,7 @@ class SeeRun:
         alike = _most_alike(answer)
         seen.view, seen.picture = alike.get("view", ""), alike.get("picture", "")
         seen.grasps = [fill(make("moveit_msgs/Grasp"), grasp, make) for grasp in answer["grasps"]]
-        seen.grasps_left_out = answer.get("grasps_left_out", 0)  # older servers do not say
+        seen.grasps_left_out = answer.get("grasps_left_out", -1)  # older servers do not say
         return seen
 
     def _request(self, look: Look, viewed: ViewedObject, around: Obstacles | None) -> JsonObject:

@@ -306,7 +306,7 @@ class SampleAction:
         self.server.publish_feedback(feedback)
         seen = result.objects[target]
         answer.grasp_state = f"{len(poses)} grasps of {seen.name or 'unknown'}"
-        if seen.grasps_left_out:
+        if seen.grasps_left_out > 0:
             answer.grasp_state += f", {seen.grasps_left_out} more are left out"
         self.server.set_succeeded(answer)
 

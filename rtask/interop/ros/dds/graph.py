@@ -18,7 +18,6 @@ __all__ = ["ChangeFeed", "GraphServices"]
 
 log = logging.getLogger(__name__)
 
-_PAUSE_S = 1.0
 _GRASP = "moveit_msgs/msg/Grasp"
 
 
@@ -73,7 +72,7 @@ class ChangeFeed:
 
     def _run(self) -> None:
         try:
-            for commit in commits_of(self._follow, lambda: not self._ended.wait(_PAUSE_S)):
+            for commit in commits_of(self._follow, lambda: not self._ended.is_set()):
                 if self._ended.is_set():
                     return
                 self._topic.publish(change_message(commit, self._make))

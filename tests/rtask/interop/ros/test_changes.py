@@ -10,6 +10,11 @@ from rtask.errors import AuthenticationError, GoneError, RemoteUnavailableError
 from rtask.interop.ros.changes import commits_of
 
 
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch):
+    monkeypatch.setattr("rtask.interop.ros.changes._PAUSE_S", 0.0)
+
+
 def commit(number):
     return SimpleNamespace(version=f"v{number}", seq=number)
 
