@@ -23,6 +23,7 @@ from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.tasks.actions import Select
 from rtask.tasks.goals import LOCATED, Aim
+from rtask.tasks.phrasing import EXCEPT, plain_goal
 
 __all__ = ["MAX_TEXT", "aims_in_words"]
 
@@ -49,6 +50,7 @@ _FILLERS = frozenset(
 )
 _OTHERS = frozenset(("off", "my", "our"))
 _SEPARATORS = frozenset(("and", "then"))
+_LEFT_OUT = frozenset((EXCEPT,))
 _MAX_NAMES = 500
 
 
@@ -65,6 +67,10 @@ class _Part:
         for at, token in enumerate(self.tokens):
             if at not in covered:
                 yield at, token.lower()
+
+    def leaves_out(self) -> int | None:
+        """Return the token from which on things are named that the goal leaves out."""
+        return next((at for at, word in self.words() if word in _LEFT_OUT), None)
 
     def before(self, mention: Mention) -> str:
         """Return the preposition before a name; "" without one."""
@@ -98,7 +104,7 @@ def aims_in_words(select: Select, text: str, base: str = "") -> tuple[Aim, ...]:
     """
     if not text.strip() or len(text) > MAX_TEXT:
         raise UsageError(f"a goal has 1 to {MAX_TEXT} characters, not {len(text)}")
-    parts = list(_parts(select, text, base))
+    parts = list(_parts(select, plain_goal(text), base))
     unknown = [
         word for part in parts for _, word in part.words() if not _is_familiar(word)
     ]  # fmt: skip
@@ -163,7 +169,7 @@ def _moved(mention: Mention, by: int) -> Mention:
 
 
 def _is_familiar(word: str) -> bool:
-    groups = (_FILLERS, _INTO, _ALL, _ANY, _CLEAR, _HOLD, _OTHERS)
+    groups = (_FILLERS, _INTO, _ALL, _ANY, _CLEAR, _HOLD, _OTHERS, _LEFT_OUT)
     is_number = word in _NUMBERS or word.isdigit()
     return is_number or any(word in group or stem(word) in group for group in groups)
 
@@ -189,14 +195,18 @@ def _aim(part: _Part, target: Mention | None, is_own: bool) -> Aim:
         return _clearing(target, [item for item in part.mentions if item is not target])
     spans = {(target.start, target.end)} if target is not None and is_own else set()
     subjects, owner, conditions = [], "", ["?thing a rt:Exemplar"]
+    left_out, out = part.leaves_out(), list[str]()
     for span in sorted({(item.start, item.end) for item in part.mentions} - spans):
         same = [item for item in part.mentions if (item.start, item.end) == span]
         robots = [item for item in same if item.role == "robot"]
         before = part.before(same[0])
-        if robots and before == "of" and target is not None and span > min(spans, default=span):
+        if left_out is not None and span[0] > left_out and not _is_place(same):
+            conditions.append(_without(same, len(out)))
+            out.append(same[0].text)
+        elif robots and before == "of" and target is not None and span > min(spans, default=span):
             owner = robots[0].text
             conditions.append(f"{_terms('owner', robots[0])} ?owner rt:reaches ?place")
-        elif any(item.role == "place" for item in same):
+        elif _is_place(same):
             place = next(item for item in same if item.role == "place")
             conditions.append(f"{_terms('source', place)} ?thing rt:locatedOn ?source")
             subjects.append(f"from {place.text}")
@@ -204,26 +214,39 @@ def _aim(part: _Part, target: Mention | None, is_own: bool) -> Aim:
             conditions.append(_subject(same, len(subjects)))
             called = sum(len(item.called) for item in same if item.role == "kind")
             subjects.append(same[0].text + (f" (and {called} only called so)" if called else ""))
+    if left_out is not None and not out:
+        raise UsageError(f"{' '.join(part.tokens)!r} does not say what is left out, by its name")
     conditions.append(_destination(target))
     conditions.append("FILTER NOT EXISTS { ?thing rt:mergedInto ?merged }")
     number, words = _number(part, spans)
     about = " ".join(subjects) or "everything that has a place"
+    about += "".join(f" except {name}" for name in out)
     if not subjects:
         conditions.append("?thing rt:locatedOn ?anywhere")
     where_to = "held" if target is None else f"at {target.text}" + (f" of {owner}" if owner else "")
     return Aim(LOCATED, " . ".join(conditions), number, f"{words} {about}: {where_to}")
 
 
-def _subject(same: Sequence[Mention], number: int) -> str:
+def _is_place(same: Iterable[Mention]) -> bool:
+    return any(item.role == "place" for item in same)
+
+
+def _without(same: Sequence[Mention], number: int) -> str:
+    """Return the condition that things do not fit a name."""
+    return f"MINUS {{ {_subject(same, number, 'left_out')} }}"
+
+
+def _subject(same: Sequence[Mention], number: int, prefix: str = "subject") -> str:
     """Return the condition that things fit a name; where it can mean several, any of these.
 
     A kind means what is called so as well, as in questions: nobody need have classified carton-6.
     """
+    # Groups and MINUS do not see ?thing from outside: each way has to bind it by itself.
     ways = {
         "kind": "?thing rt:exemplarOf/a ?%s", "object": "?thing rt:exemplarOf ?%s",
-        "thing": "FILTER(?thing = ?%s)", "use": "?thing rt:exemplarOf/rt:hasFunction ?%s",
+        "thing": "BIND(?%s AS ?thing)", "use": "?thing rt:exemplarOf/rt:hasFunction ?%s",
     }  # fmt: skip
-    name = f"subject{number}"
+    name = f"{prefix}{number}"
     fitting = [item for item in same if item.role in ways]
     if not fitting:
         raise UsageError(f"{same[0].text!r} is a {same[0].role}, and nothing that can be moved")

@@ -70,12 +70,28 @@ def test_hands_that_meet_give_a_thing_on_without_a_place():
         ("pick up the jug", {JUG}),
         ("the red cup into the right box", set()),
         ("everything from the table onto the right box", {JUG, PEN}),
+        ("leave nothing on the table", {JUG, PEN}),
+        ("could you please put everything one can write with into the right box", {PEN}),
+        ("I want the jug in the right box", {JUG}),
+        ("at least one pen into the right box", {PEN}),
+        ("everything but the jug into the right box", {PEN}),
+        ("everything from the table except the pen into the right box", {JUG}),
     ],
 )
 def test_goals_are_about_kinds_uses_names_places_and_hands(kb, goal, things):
     plan = kb.tasks.plan(goal)
     assert plan.is_complete
     assert {step.arguments["thing"] for step in plan.steps} == things
+
+
+def test_what_a_goal_leaves_out_may_be_named_by_what_tells_it_apart():
+    with kb_of(
+        f"<{BASE}object/9> a rt:Cup ; rt:objectId 'lab/9' ; rt:name 'blue cup' ; "
+        f"rt:graspWidth 0.04e0 ; rt:mass 0.1e0 . {placed(9, RIGHT)}"
+    ) as graph:
+        plan = graph.tasks.plan("all cups except the red one onto the table")
+    assert plan.understood == ("all: cups except red cup: at table",)
+    assert {step.arguments["thing"] for step in plan.steps} == {f"{BASE}thing/9"}
 
 
 def test_a_goal_in_words_a_pattern_and_json_give_the_same_plan(kb):
@@ -94,6 +110,10 @@ def test_a_goal_that_is_not_understood_says_what_was_and_the_nearest_names(kb):
         kb.tasks.plan("every pen")
     with pytest.raises(UnknownTermError, match="nothing in the graph fits"):
         kb.tasks.plan("every mug into the left box")
+    with pytest.raises(UsageError, match="does not say what is left out"):
+        kb.tasks.plan("everything except into the right box")
+    with pytest.raises(UsageError, match=r"by 18:00.*--deadline"):
+        kb.tasks.plan("every pen into the left box by 18:00")
     with pytest.raises(UsageError, match="nothing selects"):
         kb.tasks.plan("?x rt:locatedOn ?y")
 
