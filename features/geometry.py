@@ -17,7 +17,6 @@ __all__ = [
     "Frame",
     "Intrinsics",
     "UInt8Array",
-    "depth_of_steps",
     "finite_depth",
     "look_at",
     "points_from_depth",
@@ -83,21 +82,6 @@ def finite_depth(depth_m: FloatArray) -> NDArray[np.float32]:
     [[0.5, 0.0, 0.0, 0.0]]
     """
     return np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, 0).astype(np.float32)
-
-
-def depth_of_steps(steps: NDArray[Any], step_m: float = 0.001) -> NDArray[np.float32]:
-    """Return a depth image (h, w), m, of numbers of steps, such as millimetres (REP 118).
-
-    0 is missing, and so are negative ones and the largest of 16 bits, which some cameras write for
-    what they did not measure.
-
-    Examples
-    --------
-    >>> depth_of_steps(np.array([[0, 700, 65_535]], np.uint16)).round(3).tolist()
-    [[0.0, 0.699999988079071, 0.0]]
-    """
-    is_measured = (steps > 0) & (steps < np.iinfo(np.uint16).max)
-    return np.where(is_measured, steps * step_m, 0).astype(np.float32)
 
 
 def points_from_depth(

@@ -9,7 +9,7 @@ depth, ``value = a / depth + b``. RVL is run-length coding of the differences of
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import cv2
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from features.codec.image_header import image_size
 from features.codec.limits import CloudFormatError, Limits
-from features.geometry import depth_of_steps, finite_depth
+from features.depth import depth_of_metres, depth_of_steps
 
 __all__ = ["decode_compressed_depth", "decode_rvl", "is_compressed_depth"]
 
@@ -36,7 +36,10 @@ def is_compressed_depth(message: Mapping[str, Any]) -> bool:
 
 
 def decode_compressed_depth(
-    format_text: str, data: bytes, limits: Limits | None = None
+    format_text: str,
+    data: bytes,
+    limits: Limits | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> NDArray[np.float32]:
     """Return the depth (h, w), m, of a message of ``compressedDepth``; 0 = missing.
 
@@ -47,6 +50,8 @@ def decode_compressed_depth(
     data
         Of the message, header included. Without a header, as some drivers send it, a PNG of
         ``16UC1`` is read; one of ``32FC1`` cannot be.
+    say
+        Called with a sentence for numbers that are taken for not measured.
 
     Raises
     ------
@@ -64,14 +69,14 @@ def decode_compressed_depth(
     stored = data[_HEADER.size :] if has_header else data
     values = _decode_png(stored, limits) if stored.startswith(_PNG) else decode_rvl(stored, limits)
     if encoding != "32FC1":
-        return depth_of_steps(values)
+        return depth_of_steps(values, say=say)
     if not (np.isfinite(a) and np.isfinite(b) and a > 0):
         raise CloudFormatError(
             f"compressedDepth: 32FC1 without the constants of its inverse depth ({a:g}, {b:g})"
         )
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(values > 0, a / (values.astype(np.float64) - b), 0)
-    return finite_depth(np.asarray(depth, np.float32))
+    return depth_of_metres(np.asarray(depth, np.float32), say)
 
 
 def _decode_png(data: bytes, limits: Limits) -> NDArray[np.uint16]:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from features.codec.limits import CloudFormatError, Limits
 from features.codec.table import Table, cloud_from_fields, read_text_rows
 from features.codec.types import Cloud
+from features.geometry import transform
 
 __all__ = ["is_pcd", "read_pcd", "write_pcd"]
 
@@ -67,17 +68,19 @@ def read_pcd(data: bytes, limits: Limits) -> Cloud:
     else:
         raise CloudFormatError(f"PCD: unknown DATA {kind!r}")
     cloud = cloud_from_fields(table, "PCD", _shape(header, count))
-    positions = _from_viewpoint(header, cloud.positions)
-    return replace(cloud, positions=positions, frame_id=" ".join(header.get(_FRAME, [])))
+    frame_id = " ".join(header.get(_FRAME, []))
+    viewpoint = _viewpoint(header)
+    if viewpoint is None:
+        return replace(cloud, frame_id=frame_id)
+    positions = np.asarray(transform(viewpoint, cloud.positions), np.float32)
+    return replace(cloud, positions=positions, frame_id=frame_id, viewpoint=viewpoint)
 
 
-def _from_viewpoint(
-    header: dict[str, list[str]], positions: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Apply VIEWPOINT (tx ty tz qw qx qy qz) to positions (n, 3), m."""
+def _viewpoint(header: dict[str, list[str]]) -> NDArray[np.float64] | None:
+    """Return VIEWPOINT (tx ty tz qw qx qy qz) as a pose (4, 4), m; None for the identity."""
     words = header.get("VIEWPOINT", [])
     if not words:
-        return positions
+        return None
     try:
         numbers = np.array([float(word) for word in words])
     except ValueError:
@@ -87,9 +90,11 @@ def _from_viewpoint(
             f"PCD: VIEWPOINT must be seven numbers, got {' '.join(words)[:80]!r}"
         )
     if np.array_equal(numbers, _AT_ORIGIN):
-        return positions
-    turned = Rotation.from_quat(numbers[[4, 5, 6, 3]]).as_matrix()
-    return np.asarray(positions @ turned.T + numbers[:3], np.float32)
+        return None
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_quat(numbers[[4, 5, 6, 3]]).as_matrix()
+    pose[:3, 3] = numbers[:3]
+    return pose
 
 
 def _shape(header: dict[str, list[str]], count: int) -> tuple[int, ...]:

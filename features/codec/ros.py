@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import binascii
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -21,10 +22,12 @@ from features.codec.image_header import is_image as is_picture
 from features.codec.limits import CloudFormatError, Limits
 from features.codec.pcd import write_pcd
 from features.codec.table import COLOURS, Table, colours_of
-from features.geometry import finite_depth
+from features.depth import depth_of_metres
 
 __all__ = [
     "DEPTH_ENCODINGS",
+    "ColourScale",
+    "deep_colours",
     "image_bytes",
     "is_image",
     "is_point_cloud",
@@ -59,11 +62,48 @@ _ENCODINGS = {
 DEPTH_ENCODINGS = ("16UC1", "16SC1", "32FC1", "64FC1")
 """Encodings that hold depth and no colour: mm in whole numbers, m in others (REP 118)."""
 _COLOUR_BITS = (10, 12, 14, 16)
-"""Of sensors whose numbers lie in 16 bits, many of them in the lowest."""
+"""Of sensors whose numbers lie in 16 bits, many of them in the lowest; no encoding says it."""
 _REVERSED = ("bgr", "8UC", "16UC")
 """Encodings whose channels are blue, green, red; OpenCV orders those without names so."""
 _PNG = b"\x89PNG"
 _POINT_FIELDS = {*"xyz", "rgb", "rgba", *(name for names in COLOURS for name in names)}
+
+
+@dataclass
+class ColourScale:
+    """The bits that the colours of one camera use of 16, by its brightest picture so far.
+
+    By a scale of its own a dark picture would look as bright as the others of its recording.
+    """
+
+    bits: int = 0
+
+    def bits_for(self, largest: int) -> int:
+        """Return the bits of a picture of that largest number, and of all that come after it.
+
+        Examples
+        --------
+        >>> scale = ColourScale()
+        >>> scale.bits_for(3_000), scale.bits_for(900)
+        (12, 12)
+        """
+        self.bits = max(self.bits, next(bits for bits in _COLOUR_BITS if largest < 2**bits))
+        return self.bits
+
+
+def deep_colours(message: Mapping[str, Any]) -> int:
+    """Return the largest number of an Image whose colours lie in 16 bits; 0 if they do not.
+
+    Raises
+    ------
+    CloudFormatError
+        The parts of the message do not fit together.
+    """
+    encoding = str(message.get("encoding"))
+    code, channels = (_CONVERTED.get(encoding) or _ENCODINGS.get(encoding) or ("", 0))[:2]
+    if code != "u2" or (channels == 1 and encoding not in _CONVERTED):
+        return 0
+    return int(_stored_pixels(message, encoding, Limits()).max())
 
 
 def is_point_cloud(message: Any) -> bool:
@@ -147,8 +187,15 @@ def _layout(message: Mapping[str, Any], step: int) -> np.dtype[Any]:
         raise CloudFormatError(f"PointCloud2: {error}") from None
 
 
-def image_bytes(message: Mapping[str, Any], limits: Limits | None = None) -> bytes:
+def image_bytes(
+    message: Mapping[str, Any], limits: Limits | None = None, scale: ColourScale | None = None
+) -> bytes:
     """Return the picture of a CompressedImage as it came, or that of an Image as PNG.
+
+    Parameters
+    ----------
+    scale
+        As of :func:`pixels_of_image`.
 
     Raises
     ------
@@ -169,9 +216,9 @@ def image_bytes(message: Mapping[str, Any], limits: Limits | None = None) -> byt
                 "WebP, BMP, TIFF)"
             )
         return _true_colours(image, str(message.get("format")), limits)
-    pixels = pixels_of_image(message, limits)
+    pixels = pixels_of_image(message, limits, scale)
     if pixels.dtype == np.float32:
-        pixels = _millimetres(finite_depth(pixels))
+        pixels = _millimetres(depth_of_metres(pixels))
     return _png(pixels[..., ::-1] if pixels.ndim == 3 else pixels)
 
 
@@ -204,11 +251,18 @@ def _png(pixels: NDArray[Any]) -> bytes:
     return data.tobytes()
 
 
-def pixels_of_image(message: Mapping[str, Any], limits: Limits | None = None) -> NDArray[Any]:
+def pixels_of_image(
+    message: Mapping[str, Any], limits: Limits | None = None, scale: ColourScale | None = None
+) -> NDArray[Any]:
     """Return the pixels of a ``sensor_msgs/Image``: RGB (h, w, 3), else (h, w).
 
     Depth is uint16 in mm or float32 in m (REP 118). Colours of 16 bits are brought to 8 by the
     fewest bits that a sensor has and that hold the largest of them.
+
+    Parameters
+    ----------
+    scale
+        Of the camera, where more than one of its pictures is read: all that hold.
 
     Raises
     ------
@@ -221,7 +275,30 @@ def pixels_of_image(message: Mapping[str, Any], limits: Limits | None = None) ->
         readable = ", ".join((*_ENCODINGS, *_CONVERTED))
         raise CloudFormatError(f"Image: encoding {encoding!r} is not known; one of {readable}")
     conversion = _CONVERTED.get(encoding)
-    code, channels = conversion[:2] if conversion else _ENCODINGS[encoding]
+    pixels = _stored_pixels(message, encoding, limits)
+    height, width, channels = pixels.shape
+    code = pixels.dtype.str[1:]
+    if code == "u2" and (conversion is not None or channels > 1):
+        bits = (scale or ColourScale()).bits_for(int(pixels.max()))
+        pixels = (pixels >> (bits - 8)).astype(np.uint8)
+    elif code == "i2":  # the largest of its type is none, as that of 16UC1
+        is_measured = (pixels > 0) & (pixels < np.iinfo(np.int16).max)
+        pixels = np.where(is_measured, pixels, 0).astype(np.uint16)
+    elif code == "f8":
+        pixels = pixels.astype(np.float32)
+    if conversion is not None:
+        if width % 2 or (channels == 1 and height % 2):
+            raise CloudFormatError(f"Image: {encoding} of {width}x{height} px; sides must be even")
+        return np.asarray(cv2.cvtColor(pixels, conversion[2]), dtype=np.uint8)
+    if channels == 1:
+        return pixels[..., 0]
+    pixels = pixels[..., :3]
+    return pixels[..., ::-1].copy() if encoding.startswith(_REVERSED) else pixels.copy()
+
+
+def _stored_pixels(message: Mapping[str, Any], encoding: str, limits: Limits) -> NDArray[Any]:
+    """Return the numbers (h, w, channels) of an Image of a known encoding, as they are stored."""
+    code, channels = (_CONVERTED.get(encoding) or _ENCODINGS[encoding])[:2]
     height, width = _whole(message, "height"), _whole(message, "width")
     limits.check_image(width, height)
     kind = np.dtype((">" if message.get("is_bigendian") else "<") + code)
@@ -232,24 +309,7 @@ def pixels_of_image(message: Mapping[str, Any], limits: Limits | None = None) ->
         raise CloudFormatError(f"Image: {len(data)} bytes are not {width}x{height} of {encoding}")
     rows = np.frombuffer(data.ljust(height * step, b"\0"), np.uint8, height * step)
     pixels = rows.reshape(height, step)[:, :used].copy().view(kind)
-    pixels = pixels.astype(kind.newbyteorder("="))
-    if code == "u2" and (conversion is not None or channels > 1):
-        largest = int(pixels.max())
-        bits = next(bits for bits in _COLOUR_BITS if largest < 2**bits)
-        pixels = (pixels >> (bits - 8)).astype(np.uint8)
-    elif code == "i2":
-        pixels = np.maximum(pixels, 0).astype(np.uint16)
-    elif code == "f8":
-        pixels = pixels.astype(np.float32)
-    if conversion is not None:
-        if width % 2 or (channels == 1 and height % 2):
-            raise CloudFormatError(f"Image: {encoding} of {width}x{height} px; sides must be even")
-        raw = pixels.reshape(height, width, channels)
-        return np.asarray(cv2.cvtColor(raw, conversion[2]), dtype=np.uint8)
-    if channels == 1:
-        return pixels
-    pixels = pixels.reshape(height, width, channels)[..., :3]
-    return pixels[..., ::-1].copy() if encoding.startswith(_REVERSED) else pixels.copy()
+    return pixels.astype(kind.newbyteorder("=")).reshape(height, width, channels)
 
 
 def raw_data(message: Mapping[str, Any], limits: Limits | None = None) -> bytes:

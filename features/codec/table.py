@@ -24,6 +24,7 @@ COLOURS = (
 _PACKED = ("rgb", "rgba")
 
 _MAX_COORDINATE_M = 1_000.0
+_MANY_AT_ORIGIN = 10
 
 
 def read_text_rows(body: bytes, count: int, fields: list[tuple[str, str]], name: str) -> Table:
@@ -64,7 +65,8 @@ def cloud_from_fields(table: Table, name: str, shape: tuple[int, ...] = ()) -> C
     Parameters
     ----------
     shape
-        Rows and columns of an organised cloud, which loses what lies at its origin too.
+        Rows and columns of an organised cloud, which loses what lies at its origin too; so does
+        any of which many points do.
     """
     table = {column.lower(): values for column, values in table.items()}
     missing = [axis for axis in "xyz" if axis not in table]
@@ -73,9 +75,11 @@ def cloud_from_fields(table: Table, name: str, shape: tuple[int, ...] = ()) -> C
     with np.errstate(over="ignore", invalid="ignore"):
         positions = np.stack([table[axis].astype(np.float32) for axis in "xyz"], axis=-1)
     finite = np.isfinite(positions).all(axis=1)
-    if shape:
-        # Nothing is measured where the camera stands: some write that for what they did not see.
-        finite &= positions.any(axis=1)
+    is_away = positions.any(axis=1)
+    # Nothing is measured where the camera stands: some write that for what they did not see. A
+    # model of a thing may have one point at its origin, and not many.
+    if shape or np.count_nonzero(~is_away) >= max(_MANY_AT_ORIGIN, 0.01 * len(positions)):
+        finite &= is_away
     whole, positions = shape or (len(positions),), positions[finite]
     if positions.size and np.abs(positions).max() > _MAX_COORDINATE_M:
         raise CloudFormatError(f"{name}: a point lies beyond {_MAX_COORDINATE_M:.0f} m")

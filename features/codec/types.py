@@ -34,6 +34,8 @@ class Cloud:
         missing; empty = ``(n,)``.
     places : (n,) int64 or None
         Of each point in the flattened ``shape``; None = no point is missing.
+    viewpoint : (4, 4) float64, m, or None
+        Pose of the sensor in the frame of the points, where the file says it and it is not there.
     """
 
     positions: NDArray[np.float32]
@@ -42,6 +44,7 @@ class Cloud:
     stamp_s: float = 0.0
     shape: tuple[int, ...] = ()
     places: NDArray[np.int64] | None = None
+    viewpoint: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if self.places is None and self.shape and math.prod(self.shape) != len(self.positions):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.codec.limits import Limits
-from features.codec.ros import image_bytes, pcd_from_point_cloud
+from features.codec.ros import ColourScale, deep_colours, image_bytes, pcd_from_point_cloud
 from features.codec.sniff import decode
 from features.codec.types import Cloud
 from features.geometry import Frame
@@ -20,16 +20,15 @@ from features.imaging.camera import (
     lens_from_message,
     lens_of_size,
 )
-from features.imaging.mounting import Mounting
-from features.imaging.photo import Photo, read_photo
-from features.imaging.pictures import (
-    PAIRED_S,
-    depth_of_message,
+from features.imaging.doubts import (
     doubtful_frame,
+    doubtful_rays,
     implausible_cloud,
     implausible_depth,
-    view_of_images,
 )
+from features.imaging.mounting import Mounting
+from features.imaging.photo import Photo, read_photo
+from features.imaging.pictures import PAIRED_S, depth_of_message, view_of_images
 from features.imaging.topics import Plan, is_rectified_topic, sensor_of
 
 __all__ = ["Pairing"]
@@ -77,7 +76,9 @@ class Pairing:
     _cameras: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     _colours: dict[str, _Colour] = field(default_factory=dict)
     _depths: dict[str, _Depth] = field(default_factory=dict)
-    _warned: set[str] = field(default_factory=set)
+    _warned: set[tuple[str, str]] = field(default_factory=set)
+    _looked_at: set[str] = field(default_factory=set)
+    _scales: dict[str, ColourScale] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for topic, reason in self.plan.left_out.items():
@@ -114,19 +115,22 @@ class Pairing:
                 yield seen
                 return
             doubt = implausible_cloud(seen.positions)
-            doubt = doubt or doubtful_frame(seen.positions, seen.frame_id)
+            if not doubt and self._is_first(topic):
+                doubt = doubtful_frame(seen.positions, seen.frame_id)
             if doubt:
                 self._warn_once(topic, doubt)
             yield replace(seen, stamp_s=_stamp_s(message, time_s))
         elif topic in self.plan.depth:
-            depth_m = depth_of_message(message, is_depth_topic=True)
+            depth_m = depth_of_message(
+                message, is_depth_topic=True, say=lambda text: self._warn_once(topic, text, "marks")
+            )
             if depth_m is None:
                 what = message.get("encoding", message.get("format"))
                 self._leave_out(topic, f"{what} on a topic of depth holds no depth")
             else:
                 yield from self._take_depth(topic, message, depth_m, time_s)
         elif topic in self.plan.colour and topic not in self.plan.left_out:
-            photo = read_photo(image_bytes(message))
+            photo = read_photo(image_bytes(message, scale=self._scale_of(topic, message)))
             frame_id = str(message["header"]["frame_id"])
             yield from self._take_colour(_Colour(time_s, topic, photo, frame_id))
 
@@ -191,6 +195,10 @@ class Pairing:
                 self._leave_out(colour.topic, str(error))
         if seen is None:
             seen = view_of_images(depth.depth_m, lens, None)
+        if self._is_first(depth_topic):
+            doubt = doubtful_rays(seen.depth_m, seen.intrinsics)
+            if doubt:
+                self._warn_once(depth_topic, doubt, "rays")
         yield replace(seen, frame_id=depth.frame_id, stamp_s=depth.stamp_s)
 
     def _coloured(self, depth: _Depth, lens: Lens, colour: _Colour) -> Frame:
@@ -233,9 +241,36 @@ class Pairing:
     def _leave_out(self, topic: str, reason: str) -> None:
         self._warn_once(topic, f"left out: {reason}")
 
-    def _warn_once(self, topic: str, reason: str) -> None:
-        if topic not in self._warned:
-            self._warned.add(topic)
+    def add_colours(self, topic: str, message: Mapping[str, Any]) -> None:
+        """Take a picture for the scale of its topic's colours, before any is read."""
+        largest = deep_colours(message)
+        if largest:
+            self._scales.setdefault(topic, ColourScale()).bits_for(largest)
+
+    def _scale_of(self, topic: str, message: Mapping[str, Any]) -> ColourScale:
+        """Return the scale of a topic's colours; where it is a guess, that is said."""
+        scale = self._scales.setdefault(topic, ColourScale())
+        before, largest = scale.bits, deep_colours(message)
+        if largest:
+            bits = scale.bits_for(largest)
+            about = "of one of its pictures" if before and bits > before else "so far"
+            self._warn_once(
+                topic,
+                f"colours in 16 bits, and no encoding says how many of them count: {bits} are "
+                f"taken, the fewest of a sensor that hold the brightest {about}",
+                f"bits {bits}",
+            )
+        return scale
+
+    def _is_first(self, topic: str) -> bool:
+        """Whether a topic is asked about for the first time: to fit planes to each view is slow."""
+        is_first = topic not in self._looked_at
+        self._looked_at.add(topic)
+        return is_first
+
+    def _warn_once(self, topic: str, reason: str, about: str = "") -> None:
+        if (topic, about) not in self._warned:
+            self._warned.add((topic, about))
             self.warn(f"{topic}: {reason}")
 
 

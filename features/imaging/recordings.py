@@ -12,10 +12,12 @@ import logging
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from features.codec.limits import CloudFormatError
+from features.codec.ros import deep_colours
 from features.codec.types import Cloud
 from features.geometry import Frame
 from features.imaging.mounting import Mounting
@@ -31,6 +33,8 @@ _TYPES = tuple(
     f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "CameraInfo", "PointCloud2")
 )
 _TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+_SCALED_BY = 20
+"""Pictures of a topic that say how many of 16 bits its colours use."""
 _UNIT = "/option/Depth_Units/value"
 """Topic of a RealSense recording (SDK, not its ROS node) with the size of a step of depth, m."""
 
@@ -89,6 +93,7 @@ def views_of(
         plan = plan_topics([_topic(reader, connection) for connection in images])
         pairing = Pairing(plan, warn, _mounting(reader))
         _read_cameras(reader, pairing)
+        _read_colours(reader, pairing)
         start = reader.start_time + int(from_s * 1e9)
         for connection, time_ns, raw in reader.messages(connections=images):
             message = message_mapping(reader.deserialize(raw, connection.msgtype))
@@ -210,6 +215,21 @@ def _read_cameras(reader: Any, pairing: Pairing) -> None:
             pairing.units_m[sensor_of(connection.topic)] = float(message["data"])
         elif message:
             pairing.add_camera(connection.topic, message)
+
+
+def _read_colours(reader: Any, pairing: Pairing) -> None:
+    """Read some pictures of each topic of deep colours, so that one scale serves all of them."""
+    for connection in reader.connections:
+        if not connection.msgtype.endswith("/Image"):
+            continue
+        for _, _, raw in islice(reader.messages(connections=[connection]), _SCALED_BY):
+            message = message_mapping(reader.deserialize(raw, connection.msgtype))
+            try:
+                if not deep_colours(message):
+                    break
+                pairing.add_colours(connection.topic, message)
+            except CloudFormatError:  # said when its turn comes
+                break
 
 
 def message_mapping(message: Any) -> dict[str, Any]:

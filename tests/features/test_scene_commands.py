@@ -12,9 +12,11 @@ import pytest
 from numpy.typing import NDArray
 
 from features.codec import encode_cloud, encode_frame
+from features.codec.pcd import write_pcd
 from features.geometry import Frame, Intrinsics
 from features.pictures import draw_box, draw_matches, draw_model
 from rtask.cli import main
+from tests.features.imaging.table_seen import in_base, points_of_table
 
 CAMERA = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
 
@@ -249,3 +251,21 @@ def test_pictures_refuse_what_does_not_fit_and_survive_what_lies_outside() -> No
     assert drawn[20, 30].any()  # the point faces the camera, in the middle of the image
     assert not drawn[:10].any()
     assert not draw_model(image, lens, ahead, np.zeros((0, 6))).any()
+
+
+def test_a_cloud_in_the_robots_frame_is_cut_like_that_of_its_camera(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], compiled_kernels: None
+) -> None:
+    counts = []
+    for name, points in (("camera", points_of_table()), ("base", in_base(points_of_table()))):
+        table = {axis: points[..., k].ravel().astype("<f4") for k, axis in enumerate("xyz")}
+        file = tmp_path / f"{name}.pcd"
+        file.write_bytes(write_pcd(table, points.shape[:2]))
+        with pytest.raises(SystemExit) as stopped:
+            main(["segment", str(file), "--json"])
+        out, err = capsys.readouterr()
+        assert stopped.value.code == 0
+        assert ("in the frame of that camera" in err) is (name == "base")
+        counts.append([row["centroid_m"] for row in json.loads(out)["objects"]])
+    assert len(counts[0]) == 1
+    assert np.allclose(counts[0], counts[1], atol=0.003)

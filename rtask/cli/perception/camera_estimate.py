@@ -105,7 +105,7 @@ def _depth(folder: Path, file: Path, view: View) -> NDArray[np.float32]:
     import numpy as np
 
     from features.codec.limits import Limits
-    from features.geometry import depth_of_steps
+    from features.depth import depth_of_steps
 
     beside = sorted(path for path in folder.iterdir() if path.stem == file.stem)
     if len(beside) != 1:

@@ -222,7 +222,8 @@ def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
     from features.codec.image_header import is_image
     from features.codec.limits import Limits, UnknownFormatError
     from features.codec.types import Cloud
-    from features.imaging.pictures import implausible_cloud
+    from features.imaging.doubts import implausible_cloud
+    from features.imaging.placed import in_camera_frame
 
     if is_recording(file):
         if file.is_dir() and not (file / "metadata.yaml").is_file():
@@ -247,11 +248,13 @@ def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
     _allow(file, "a cloud", view, ())
     if isinstance(seen, Cloud):
         _say_doubt(file, implausible_cloud(seen.positions))
+        seen, note = in_camera_frame(seen)
+        _say_doubt(file, note)
     return seen
 
 
 def _say_doubt(file: Path, doubt: str) -> None:
-    """Say on the error output that the unit of a file is doubtful, if it is."""
+    """Say on the error output what of a file is doubtful, or was taken for something, if any."""
     if doubt:
         click.echo(f"{file}: {doubt}", err=True)
 
@@ -290,9 +293,9 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
     import numpy as np
 
     from features.codec.image_header import bits_of, is_cut_off
-    from features.geometry import depth_of_steps
+    from features.depth import depth_of_steps
+    from features.imaging.doubts import doubtful_rays, doubtful_steps, implausible_depth
     from features.imaging.photo import read_photo
-    from features.imaging.pictures import implausible_depth
 
     if is_cut_off(data):
         raise DataError(f"{file}: the PNG is cut off")
@@ -308,9 +311,13 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
         raise UsageError(f"{file} is a colour image of 16 bits; save it with 8 bits a channel")
     if not 1e-6 <= view.depth_unit_m <= 1.0:
         raise UsageError(f"--depth-unit {view.depth_unit_m} m: expected 0.000001 to 1")
-    depth_m = depth_of_steps(depth, view.depth_unit_m)
-    _say_doubt(file, implausible_depth(depth_m))
-    return _with_colour(depth_m, view, read_cameras(depth.shape, view), limits)
+    depth_m = depth_of_steps(depth, view.depth_unit_m, lambda text: _say_doubt(file, text))
+    # Who names the unit knows it.
+    is_usual = view.depth_unit_m == View().depth_unit_m
+    _say_doubt(file, implausible_depth(depth_m) or (doubtful_steps(depth) if is_usual else ""))
+    seen = _with_colour(depth_m, view, read_cameras(depth.shape, view), limits)
+    _say_doubt(file, doubtful_rays(seen.depth_m, seen.intrinsics))
+    return seen
 
 
 def _with_colour(

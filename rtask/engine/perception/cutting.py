@@ -56,7 +56,7 @@ def refuse_doubtful(seen: Frame | Cloud) -> None:
         Depth or points lie as far apart as in another unit than metres.
     """
     from features.geometry import Frame
-    from features.imaging.pictures import implausible_cloud, implausible_depth
+    from features.imaging.doubts import implausible_cloud, implausible_depth
 
     doubt = (
         implausible_depth(seen.depth_m)

@@ -114,7 +114,7 @@ def observe(request: OptionalLook, where: str = "") -> Observation:
         If the bytes are not a cloud or image of an object, or there are none.
     """
     from features.geometry import transform
-    from features.imaging.pictures import implausible_object
+    from features.imaging.doubts import implausible_object
     from features.recognition.views.view import describe_frame
 
     if request.data is None and request.image is None:

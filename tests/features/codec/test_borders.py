@@ -13,8 +13,9 @@ from features.codec import CloudFormatError, decode
 from features.codec.compressed_depth import decode_compressed_depth, decode_rvl
 from features.codec.image_header import image_size
 from features.codec.ros import image_bytes, pcd_from_point_cloud, pixels_of_image
+from features.imaging.doubts import implausible_cloud
 from features.imaging.photo import read_photo
-from features.imaging.pictures import depth_of_message, implausible_cloud
+from features.imaging.pictures import depth_of_message
 from features.imaging.selection import view_of_photo
 
 DEPTH_M = np.linspace(0.5, 1.5, 12, dtype=np.float32).reshape(3, 4)

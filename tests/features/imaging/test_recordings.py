@@ -14,7 +14,7 @@ import pytest
 from features.codec.limits import CloudFormatError
 from features.geometry import Frame
 from features.imaging.photo import Photo
-from features.imaging.recordings import first_view
+from features.imaging.recordings import first_view, views_of
 
 pytest.importorskip("rosbags")
 
@@ -277,6 +277,30 @@ def test_a_cloud_that_is_in_no_cameras_frame_is_doubted(
     view, warnings = seen(drive, tmp_path)
     assert len(view.positions) == 400
     assert [any(part in one for one in warnings) for part in said] == [True] * len(warnings)
+
+
+def test_a_number_that_stands_for_nothing_is_no_wall_and_that_is_said(tmp_path: Path) -> None:
+    drive = Drive()
+    depth = depth_mm()
+    depth[:, 40:] = 10_000
+    drive.camera("/camera/depth/camera_info")
+    drive.image("/camera/depth/image_raw", 1005, "16UC1", depth)
+    view, warnings = seen(drive, tmp_path)
+    assert not view.depth_m[:, 40:].any()
+    assert ["exactly 10 m" in one for one in warnings] == [True]
+
+
+def test_deep_colours_of_a_recording_have_one_scale_and_it_is_said(tmp_path: Path) -> None:
+    drive = Drive()
+    for number, brightest in enumerate((900, 3_600, 800)):
+        picture = np.full((HEIGHT, WIDTH, 3), 400, "<u2")
+        picture[:4, :4] = brightest
+        drive.image("/webcam/image_raw", 1001 + number, "rgb16", picture)
+    warnings: list[str] = []
+    views = list(views_of(drive.save(tmp_path / "drive"), warn=warnings.append))
+    # 12 bits hold 3,600: 400 of 4,095 is 25 of 255 in each, also in the ones that 10 would hold.
+    assert [view.rgb[20, 20].tolist() for view in views] == [[25, 25, 25]] * 3
+    assert ["12 are taken" in one for one in warnings] == [True]
 
 
 def test_an_encoding_that_is_not_read_is_not_called_a_drawing(tmp_path: Path) -> None:

@@ -1,0 +1,220 @@
+"""Doubts about depth and clouds: what was not measured, or is in another unit or frame.
+
+No format of depth says all of its unit, its frame and what stands for "not measured". What can be
+told from the numbers is told here, in a sentence; nothing is changed by it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from features.geometry import Float64Array, FloatArray, Intrinsics, points_from_depth
+from features.segmentation.plane import find_table_plane
+
+__all__ = [
+    "doubtful_frame",
+    "doubtful_rays",
+    "doubtful_steps",
+    "implausible_cloud",
+    "implausible_depth",
+    "implausible_object",
+]
+
+_NEAREST_M, _FARTHEST_M = 0.1, 6.0
+"""Median depth of what a camera at a table may see."""
+_WIDEST_M = 10.0
+"""Median distance from their middle of the points that it may see."""
+_BEHIND = 0.01
+"""Share of points behind a camera that errors of measurement do not explain."""
+_UPRIGHT_FRAMES = ("base_footprint", "base_link", "base", "odom", "map", "world")
+_LARGEST_OBJECT_M = 1.0
+"""Median distance of an object's points from their middle; a box of centimetres has some 5."""
+_STEP_PX = 3
+"""Every third row and column tells as much of numbers, and sorts in a ninth of the time."""
+_MOST_OF_ONE, _OUTSTANDING, _MANY_NUMBERS = 0.05, 10, 50
+"""One number that holds such a share, so many times the next one's, of so many, was not measured:
+noise spreads even a wall that faces the camera."""
+_NOISE_M = 0.0015
+"""Median second difference along rows: twice as much as rounding to millimetres makes."""
+_BENT = 1.5
+"""By so much more points lie in one plane if depth is taken as a distance along the ray."""
+_MIN_PLANE_SHARE = 0.3
+_OFF_PLANE_M, _NEAR_PLANE_M = 0.012, 0.4
+_MIN_OFF_PLANE, _BEHIND_PLANE = 200, 0.9
+"""So many points stand off the table, and so large a share on the side that no camera sees."""
+
+
+def implausible_depth(depth_m: NDArray[np.float32]) -> str:
+    """Return why the unit of a depth image is doubtful; empty if it is plausible.
+
+    Examples
+    --------
+    >>> implausible_depth(np.full((2, 2), 700.0, np.float32))
+    'half of the depth lies beyond 700 m: is it in another unit?'
+    """
+    measured = depth_m[depth_m > 0]
+    if not len(measured):
+        return ""
+    middle = float(np.median(measured))
+    if middle > _FARTHEST_M:
+        return f"half of the depth lies beyond {middle:.3g} m: is it in another unit?"
+    if middle < _NEAREST_M:
+        return f"half of the depth lies within {middle:.3g} m: is it in another unit?"
+    return _outstanding(depth_m)
+
+
+def _outstanding(depth_m: NDArray[np.float32]) -> str:
+    """Return which single number holds more of a depth image than a surface can; else nothing."""
+    some = depth_m[::_STEP_PX, ::_STEP_PX]
+    numbers, counts = np.unique(some[some > 0], return_counts=True)
+    if len(numbers) < _MANY_NUMBERS:
+        return ""
+    most = int(counts.argmax())
+    share, next_most = counts[most] / counts.sum(), np.partition(counts, -2)[-2]
+    if share < _MOST_OF_ONE or counts[most] < _OUTSTANDING * next_most:
+        return ""
+    # Without noise a wall that faces the camera is of one number, too.
+    bends = np.abs(np.diff(depth_m, n=2, axis=1))[(depth_m[:, 1:-1] > 0) & _differ(depth_m)]
+    if not len(bends) or np.median(bends) < _NOISE_M:
+        return ""
+    return (
+        f"{share:.0%} of the depth is exactly {numbers[most]:.4g} m, which no surface is that is "
+        "seen with noise: does that stand for what was not measured?"
+    )
+
+
+def _differ(depth_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return which pixels (h, w - 2) differ from one beside them."""
+    steps = np.diff(depth_m, axis=1) != 0
+    differ: NDArray[np.bool_] = steps[:, 1:] | steps[:, :-1]
+    return differ
+
+
+def doubtful_steps(steps: NDArray[np.integer[Any]]) -> str:
+    """Return why the step of a depth image of whole numbers is doubtful; empty if it is not.
+
+    Examples
+    --------
+    >>> doubtful_steps(np.arange(500, 900).reshape(20, 20) * 5)
+    'every number is a multiple of 5: is a step a 5th of a millimetre, --depth-unit 0.0002?'
+    """
+    numbers = np.unique(steps[steps > 0])
+    if len(numbers) < _MANY_NUMBERS:
+        return ""
+    by = int(np.gcd.reduce(numbers))
+    if by < 2:
+        return ""
+    # Cameras count millimetres: TUM's data sets hold five steps of each, the first Kinect's eight.
+    return (
+        f"every number is a multiple of {by}: is a step a {by}th of a millimetre, --depth-unit "
+        f"{0.001 / by:.4g}?"
+    )
+
+
+def doubtful_rays(depth_m: NDArray[np.float32], camera: Intrinsics) -> str:
+    """Return why depth may be the distance along each ray instead of along the axis; else nothing.
+
+    A table that is flat in the one is bent in the other: some simulators and cameras that measure
+    the time of flight write the distance (REP 118 asks for the axis).
+    """
+    along_axis = points_from_depth(depth_m, camera)
+    plane = find_table_plane(along_axis)
+    length = np.linalg.norm(along_axis / along_axis[..., 2:], axis=-1, keepdims=True)
+    other = find_table_plane(along_axis / length)
+    if other is None or other.inlier_share < _MIN_PLANE_SHARE:
+        return ""
+    if plane is not None and other.inlier_share < _BENT * plane.inlier_share:
+        return ""
+    return (
+        "its largest plane is flat only if depth is the distance along each ray: it is read as "
+        "that along the axis of the camera (REP 118)"
+    )
+
+
+def implausible_cloud(positions: NDArray[np.float32]) -> str:
+    """Return why the unit of points (n, 3), m, is doubtful; empty if it is plausible.
+
+    What a robot sees of a table lies together, wherever the origin is.
+
+    Examples
+    --------
+    >>> implausible_cloud(np.array([[0, 0, 700], [90, 0, 730], [-80, 10, 690]], np.float32))
+    'half of the points lie 81.2 m apart from their middle: are they in another unit?'
+    """
+    return _apart(positions, _WIDEST_M)
+
+
+def doubtful_frame(positions: NDArray[np.float32], frame_id: str) -> str:
+    """Return why points (n, 3), m, may not be in a camera's frame; empty if they may be.
+
+    A camera has x to the right, y down and z forward (REP 103) and sees nothing behind itself; the
+    frames of a robot and of maps have z up (REP 105).
+
+    Examples
+    --------
+    >>> ahead = np.array([[0.1, 0.2, 0.7]], np.float32)
+    >>> doubtful_frame(ahead, "camera_depth_optical_frame")
+    ''
+    >>> doubtful_frame(ahead, "nao1/base_link")
+    'in the frame nao1/base_link, which has z up: it is read as that of a camera, z forward'
+    """
+    behind = float((positions[:, 2] < 0).mean()) if len(positions) else 0.0
+    if behind > _BEHIND:
+        return f"{behind:.0%} of the points lie behind the camera: is z forward in their frame?"
+    if frame_id.rpartition("/")[2] in _UPRIGHT_FRAMES:
+        return f"in the frame {frame_id}, which has z up: it is read as that of a camera, z forward"
+    return _behind_table(positions)
+
+
+def _behind_table(positions: NDArray[np.float32]) -> str:
+    """Return that no camera at the origin sees what stands on the table, if that is so."""
+    plane = find_table_plane(positions)
+    if plane is None:
+        return ""
+    heights = plane.heights(positions)
+    stands = (np.abs(heights) > _OFF_PLANE_M) & (np.abs(heights) < _NEAR_PLANE_M)
+    # The floor that is seen past the edge of a table lies behind it as well, but beside it.
+    stands &= _over(positions, np.abs(heights) < _OFF_PLANE_M, plane.normal)
+    if np.count_nonzero(stands) < _MIN_OFF_PLANE or (heights[stands] < 0).mean() < _BEHIND_PLANE:
+        return ""
+    return (
+        "what stands on the largest plane lies behind it as seen from the origin: is the origin a "
+        "camera's, with z forward, or that of a robot?"
+    )
+
+
+def _over(
+    positions: NDArray[np.float32], is_plane: NDArray[np.bool_], normal: Float64Array
+) -> NDArray[np.bool_]:
+    """Return which points (n, 3) lie over or under those of a plane, within the middle .9 of it."""
+    across = np.linalg.svd(normal[None])[2][1:]
+    flat = positions @ across.T
+    low, high = np.quantile(flat[is_plane], [0.05, 0.95], axis=0)
+    inside: NDArray[np.bool_] = ((flat > low) & (flat < high)).all(axis=1)
+    return inside
+
+
+def implausible_object(positions: FloatArray) -> str:
+    """Return why the unit of the points (n, 3), m, of one object is doubtful; empty if plausible.
+
+    Examples
+    --------
+    >>> implausible_object(np.array([[0, 0, 700], [9, 0, 730], [-8, 10, 690]], np.float32))
+    'half of the points lie 16.2 m apart from their middle: are they in another unit?'
+    """
+    return _apart(positions, _LARGEST_OBJECT_M)
+
+
+def _apart(positions: FloatArray, most_m: float) -> str:
+    if not len(positions):
+        return ""
+    off = np.linalg.norm(positions - np.median(positions, axis=0), axis=1)
+    apart = float(np.median(off))
+    if apart <= most_m:
+        return ""
+    return (
+        f"half of the points lie {apart:.3g} m apart from their middle: are they in another unit?"
+    )

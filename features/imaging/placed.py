@@ -1,0 +1,154 @@
+"""Clouds that are not in the frame of the camera that took them, brought back to it.
+
+All of perception looks from the origin along z. A cloud in the frame of a robot or a room is as
+good, once it is known where its camera was: the header says so (PCD), or the rows and columns of an
+organised cloud, each of whose points lies on the ray of its pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import rq
+
+from features.codec.types import Cloud
+from features.geometry import Float64Array, FloatArray, Intrinsics, transform
+from features.imaging.camera import camera_of_grid
+from features.imaging.doubts import doubtful_frame
+
+__all__ = ["camera_of_placed_grid", "in_camera_frame"]
+
+_MIN_POINTS, _MAX_FITTED = 200, 2_000
+_MAX_ERROR_PX = 0.75
+_MAX_SKEW, _MAX_STRETCH = 0.01, 0.05
+"""Of a pixel, as shares of the focal length: sensors have square ones."""
+
+
+def in_camera_frame(cloud: Cloud) -> tuple[Cloud, str]:
+    """Return a cloud in the frame of its camera, and what was done or remains doubtful.
+
+    The sentence is empty where the cloud came in that frame and nothing speaks against it.
+    """
+    if cloud.is_organised and camera_of_grid(cloud.grid()[0]) is not None:
+        return cloud, ""
+    if cloud.viewpoint is not None:
+        return _from_viewpoint(cloud, _inverse(cloud.viewpoint))
+    placed = camera_of_placed_grid(cloud.grid()[0]) if cloud.is_organised else None
+    if placed is None:
+        return cloud, doubtful_frame(cloud.positions, cloud.frame_id)
+    x, y, z = placed[1][:3, 3].round(3) + 0.0  # -0.000 would be read as a side
+    return _moved(cloud, _inverse(placed[1])), (
+        f"its rows and columns show a camera at ({x:.3f}, {y:.3f}, {z:.3f}) m in its frame: read "
+        "in the frame of that camera"
+    )
+
+
+def _from_viewpoint(cloud: Cloud, camera_from_cloud: Float64Array) -> tuple[Cloud, str]:
+    """Return a cloud of a PCD with VIEWPOINT in the frame of its sensor.
+
+    The format does not say whether its numbers are in the frame of the sensor or in the frame in
+    which VIEWPOINT is given, and programs write both: taken is the first that a camera may see.
+    """
+    seen = _moved(cloud, camera_from_cloud)
+    doubt = doubtful_frame(seen.positions, "")
+    if not doubt:
+        return seen, "read in the frame of its sensor, which VIEWPOINT places"
+    already = _moved(seen, camera_from_cloud)
+    if not doubtful_frame(already.positions, ""):
+        return already, (
+            "its points are where a camera at VIEWPOINT sees them: taken to be in the frame in "
+            "which VIEWPOINT is given, and read in that of the camera"
+        )
+    return seen, doubt
+
+
+def _inverse(pose: Float64Array) -> Float64Array:
+    return np.asarray(np.linalg.inv(pose), np.float64)
+
+
+def _moved(cloud: Cloud, target_from_source: Float64Array) -> Cloud:
+    moved = np.asarray(transform(target_from_source, cloud.positions), np.float32)
+    return replace(cloud, positions=moved, frame_id="", viewpoint=None)
+
+
+def camera_of_placed_grid(points: FloatArray) -> tuple[Intrinsics, Float64Array] | None:
+    """Return the pinhole from whose pixels an organised cloud was made, and its pose, if it was.
+
+    Direct linear transformation (Hartley and Zisserman 2004, 7.1). Noise of depth moves a point
+    along its ray, so that it does no harm.
+
+    Parameters
+    ----------
+    points : (h, w, 3) float, m, any right-handed frame
+        NaN = missing.
+
+    Returns
+    -------
+    The camera and ``source_from_camera`` (4, 4). None where the points lie on no such rays, or in
+    one plane, of which many cameras make the same image.
+
+    Examples
+    --------
+    >>> from features.geometry import look_at, points_from_depth
+    >>> camera = Intrinsics(64, 48, 80.0, 80.0, 31.0, 24.5)
+    >>> z = np.random.default_rng(0).uniform(0.5, 1, (48, 64))
+    >>> base_from_camera = look_at(np.array([0.1, -0.4, 1.0]), np.array([0.5, 0.0, 0.2]))
+    >>> seen = transform(base_from_camera, points_from_depth(z, camera))
+    >>> found, pose = camera_of_placed_grid(seen)
+    >>> round(found.fx, 2), pose[:3, 3].round(3).tolist()
+    (80.0, [0.1, -0.4, 1.0])
+    """
+    height, width = points.shape[:2]
+    v, u = np.nonzero(np.isfinite(points).all(axis=-1))
+    if len(u) < _MIN_POINTS:
+        return None
+    places = points[v, u].astype(np.float64)
+    projection = _projection(places, u, v)
+    image = np.c_[places, np.ones(len(places))] @ projection.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.hypot(image[:, 0] / image[:, 2] - u, image[:, 1] / image[:, 2] - v)
+    if not np.quantile(off, 0.99) <= _MAX_ERROR_PX:
+        return None
+    if np.median(image[:, 2]) < 0:
+        projection = -projection
+    matrix, turn = rq(projection[:, :3])
+    signs = np.sign(np.diag(matrix))
+    matrix, turn = matrix * signs, signs[:, None] * turn
+    matrix = matrix / matrix[2, 2]
+    fx, fy = float(matrix[0, 0]), float(matrix[1, 1])
+    is_camera = (
+        np.linalg.det(turn) > 0  # else a mirror image
+        and abs(matrix[0, 1]) < _MAX_SKEW * fx
+        and abs(fx / fy - 1) < _MAX_STRETCH
+        and 0 <= matrix[0, 2] < width
+        and 0 <= matrix[1, 2] < height
+    )
+    if not is_camera:
+        return None
+    pose = np.eye(4)
+    pose[:3, :3] = turn.T
+    pose[:3, 3] = -np.linalg.solve(projection[:, :3], projection[:, 3])
+    camera = Intrinsics(width, height, fx, fy, float(matrix[0, 2]), float(matrix[1, 2]))
+    return camera, pose
+
+
+def _projection(places: Float64Array, u: NDArray[np.intp], v: NDArray[np.intp]) -> Float64Array:
+    """Return the matrix (3, 4) that projects places (n, 3) onto pixels (n,), by least squares."""
+    some = slice(None, None, max(len(places) // _MAX_FITTED, 1))
+    # Numbers of one size, or the squares of pixels drown those of metres.
+    middle, spread = places.mean(axis=0), float(places.std()) or 1.0
+    pixel = float(max(u.max(), v.max()))
+    near = np.c_[(places[some] - middle) / spread, np.ones(len(places[some]))]
+    zeros = np.zeros_like(near)
+    across, down = (axis[some, None] / pixel - 0.5 for axis in (u, v))
+    rows = np.vstack(
+        [np.hstack([near, zeros, -across * near]), np.hstack([zeros, near, -down * near])]
+    )
+    found = np.linalg.svd(rows, full_matrices=False)[2][-1].reshape(3, 4)
+    pixels = np.array([[pixel, 0, pixel / 2], [0, pixel, pixel / 2], [0, 0, 1.0]])
+    source = np.diag([1 / spread] * 3 + [1.0])
+    source[:3, 3] = -middle / spread
+    projection: Float64Array = pixels @ found @ source
+    return projection
