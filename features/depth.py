@@ -104,14 +104,14 @@ def _standing_alone(counts: NDArray[np.intp], pixels: int) -> list[int]:
     An image of one number alone shows that number: there is nothing beside which it stands out.
     """
     upto = np.concatenate(([0], np.cumsum(counts)))
-    found = []
+    marks = []
     for number in np.flatnonzero(counts >= _MIN_SHARE * pixels).tolist():
         own = counts[number]
         low = int((1 - _GAP) * number)
         high = min(int((1 + _GAP) * number) + 1, len(counts))
         if own < upto[-1] and upto[high] - upto[low] - own <= _MAX_NEAR * own:
-            found.append(number)
-    return found
+            marks.append(number)
+    return marks
 
 
 def _say_taken(say: Callable[[str], None] | None, share: float, depth_m: float) -> None:

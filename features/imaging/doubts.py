@@ -34,7 +34,7 @@ _LARGEST_OBJECT_M = 1.0
 """Median distance of an object's points from their middle; a box of centimetres has some 5."""
 _STEP_PX = 3
 """Every third row and column tells as much of numbers, and sorts in a ninth of the time."""
-_MOST_OF_ONE, _OUTSTANDING, _MANY_NUMBERS = 0.05, 10, 50
+_MAX_PLATEAU, _OUTSTANDING, _MANY_NUMBERS = 0.05, 10, 50
 """One number that holds such a share, so many times the next one's, of so many, was not measured:
 noise spreads even a wall that faces the camera."""
 _NOISE_M = 0.0015
@@ -74,7 +74,7 @@ def _outstanding(depth_m: NDArray[np.float32]) -> str:
         return ""
     most = int(counts.argmax())
     share, next_most = counts[most] / counts.sum(), np.partition(counts, -2)[-2]
-    if share < _MOST_OF_ONE or counts[most] < _OUTSTANDING * next_most:
+    if share < _MAX_PLATEAU or counts[most] < _OUTSTANDING * next_most:
         return ""
     # Without noise a wall that faces the camera is of one number, too.
     bends = np.abs(np.diff(depth_m, n=2, axis=1))[(depth_m[:, 1:-1] > 0) & _differ(depth_m)]

@@ -146,9 +146,9 @@ def _projection(places: Float64Array, u: NDArray[np.intp], v: NDArray[np.intp]) 
     rows = np.vstack(
         [np.hstack([near, zeros, -across * near]), np.hstack([zeros, near, -down * near])]
     )
-    found = np.linalg.svd(rows, full_matrices=False)[2][-1].reshape(3, 4)
+    smallest = np.linalg.svd(rows, full_matrices=False)[2][-1].reshape(3, 4)
     pixels = np.array([[pixel, 0, pixel / 2], [0, pixel, pixel / 2], [0, 0, 1.0]])
     source = np.diag([1 / spread] * 3 + [1.0])
     source[:3, 3] = -middle / spread
-    projection: Float64Array = pixels @ found @ source
+    projection: Float64Array = pixels @ smallest @ source
     return projection
