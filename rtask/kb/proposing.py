@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from pyoxigraph import Quad
 
 from rtask.errors import ConflictError, ForbiddenError
 from rtask.kb.commit.access import Access
+from rtask.kb.commit.budget import OF_OPERATORS, OF_ROBOTS
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.commit.transaction import Transaction
 from rtask.kb.proposals.proposal import Proposal
@@ -16,6 +18,12 @@ from rtask.kb.writing import Writing
 from rtask.rdf.terms import stored_quad
 
 __all__ = ["Proposing"]
+
+# As much may follow as from the update of an operator, who would adopt the change. But anybody may
+# ask for a trial, so time and memory are those of a robot's commit.
+_OF_TRIALS = replace(
+    OF_OPERATORS, seconds=OF_ROBOTS.seconds, memory_bytes=OF_ROBOTS.memory_bytes
+)
 
 
 class Proposing(Writing):
@@ -61,6 +69,8 @@ class Proposing(Writing):
     ) -> Trial:
         """Return what a change would do, with reasoning and shapes, and store nothing.
 
+        Others go on writing while a long derivation is tried in a copy of this process.
+
         Parameters
         ----------
         added, removed
@@ -73,15 +83,21 @@ class Proposing(Writing):
         RtaskError
             As :meth:`update`, where the change would be refused.
         """
-        rights = self.access(agent, access)
-        overlay = self._writer.begin()
-        try:
-            for quad in removed:
-                overlay.remove(stored_quad(quad))
-            overlay.add_all(map(stored_quad, added))
-            return try_change(self._writer.committer, overlay, Request(rights))
-        finally:
-            self._writer.cancel()
+        lost, gained = [*map(stored_quad, removed)], [*map(stored_quad, added)]
+
+        def rehearse(request: Request, _: object) -> Trial:
+            overlay = self._writer.begin()
+            try:
+                for quad in lost:
+                    overlay.remove(quad)
+                overlay.add_all(gained)
+                return try_change(self._writer.committer, overlay, request)
+            finally:
+                self._writer.cancel()
+
+        # On a branch the trunk would stand still as long: its closure is what a branch reasons on.
+        request = Request(self.access(agent, access), strict=True, reasoning=_OF_TRIALS)
+        return self._writer.commit_repeatably(rehearse, request)
 
     def adopt(self, number: int, *, access: Access | None = None) -> Commit:
         """Carry a proposal out as one commit, checked against what holds now.

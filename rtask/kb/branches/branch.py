@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
 
@@ -14,7 +16,7 @@ from rtask.kb.branches.register import BranchRegister
 from rtask.kb.branches.touched import MAX_TOUCHED, Touched
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Commit, Request
-from rtask.kb.proposals.trial import Trial, try_change
+from rtask.kb.proposals.trial import try_change
 from rtask.kb.store.naming import Names
 from rtask.kb.writing import Writing
 from rtask.rdf.terms import GraphName
@@ -91,34 +93,39 @@ class Branch(Generic[G]):
         UnsupportedError, TooLargeError
             The trunk was loaded in bulk since, or has changed too much to compare.
         """
-        rights = self._trunk.access(agent, access)
-        trunk = self._trunk.writer
+        request = self._request(self._trunk.access(agent, access))
         with self.graph.writer.exclusive():
-            overlay = trunk.begin()
             try:
-                conflicts = self._conflicts()
-                net = self._own.net
-                for quad in net.removed:
-                    overlay.remove(quad)
-                overlay.add_all(net.added)
-                trial: Trial | None = None
-                try:
-                    trial = try_change(trunk.committer, overlay, self._request(rights))
-                except RtaskError as error:
-                    conflicts += refusal_of(error)
-                return Comparison(
-                    self.record,
-                    tuple(net.added),
-                    tuple(net.removed),
-                    trial.derived if trial else None,
-                    trial.withdrawn if trial else None,
-                    self.graph.seq - self.base,
-                    self._trunk.seq - self.base,
-                    tuple(conflicts),
-                    trial.violations if trial else (),
+                return self._trunk.writer.commit_repeatably(
+                    lambda again, _: self._compared(again), replace(request, strict=True)
                 )
-            finally:
-                trunk.cancel()
+            except RtaskError as error:
+                return self._compared(None, refusal_of(error))
+
+    def _compared(self, request: Request | None, refusal: Sequence[Conflict] = ()) -> Comparison:
+        """Return what merging would do by a trial of it, or with the reason why it is refused."""
+        trunk = self._trunk.writer
+        overlay = trunk.begin()
+        try:
+            conflicts = self._conflicts()
+            net = self._own.net
+            for quad in net.removed:
+                overlay.remove(quad)
+            overlay.add_all(net.added)
+            trial = None if request is None else try_change(trunk.committer, overlay, request)
+            return Comparison(
+                self.record,
+                tuple(net.added),
+                tuple(net.removed),
+                trial.derived if trial else None,
+                trial.withdrawn if trial else None,
+                self.graph.seq - self.base,
+                self._trunk.seq - self.base,
+                (*conflicts, *refusal),
+                trial.violations if trial else (),
+            )
+        finally:
+            trunk.cancel()
 
     def merge(
         self, *, agent: str | None = None, access: Access | None = None, note: str | None = None

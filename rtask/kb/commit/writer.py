@@ -14,7 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 from rtask.errors import ClosedError, ForbiddenError, RtaskError, UsageError
 from rtask.kb.commit.budget import return_memory
@@ -33,6 +33,7 @@ from rtask.kb.store.overlay import Overlay
 __all__ = ["Writer"]
 
 _log = logging.getLogger(__name__)
+_Made = TypeVar("_Made")
 Listener = Callable[[Change], None]
 
 
@@ -172,14 +173,14 @@ class Writer:
         return self.commit_repeatably(lambda again, _: self._made(make, again), request)
 
     def commit_repeatably(
-        self, commit: Callable[[Request, Trial | None], Commit], request: Request
-    ) -> Commit:
-        """Make a commit that can be made again, without keeping others waiting for long.
+        self, commit: Callable[[Request, Trial | None], _Made], request: Request
+    ) -> _Made:
+        """Make or rehearse a commit that can be made again; others do not wait for it for long.
 
         Parameters
         ----------
         commit
-            Makes the commit for a request. It is called again if only a trial, during which others
+            Makes the commit for a request, or rehearses it. It is called again if only a trial, during which others
             may write, shows what follows from the change; then with the trial, which is to catch
             up before the lock is taken.
         """
@@ -208,10 +209,10 @@ class Writer:
 
     def _commit_tried(
         self,
-        commit: Callable[[Request, Trial | None], Commit],
+        commit: Callable[[Request, Trial | None], _Made],
         request: Request,
         change: LongDerivationError,
-    ) -> Commit:
+    ) -> _Made:
         """Make a commit with what a trial derives from it."""
         request = replace(request, supports=change.supports)
         assert self._trials is not None

@@ -8,9 +8,10 @@ from functools import partial
 from typing import Any
 
 import pytest
+from pyoxigraph import Quad
 
 import rtask
-from rtask.errors import InconsistentError
+from rtask.errors import InconsistentError, RtaskError
 from rtask.kb.commit import budget
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.inference import Inference
@@ -18,6 +19,8 @@ from rtask.kb.commit.trials import derivation
 from rtask.kb.commit.trials.process import CAN_FORK
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.namespaces import RDF, RDFS
+from rtask.rdf.terms import iri
 
 pytestmark = [
     pytest.mark.slow,
@@ -170,3 +173,36 @@ def test_random_commits_with_others_in_between_leave_what_a_full_derivation_give
         meanwhile.clear()
         assert_current(kb)
     assert sum(adopted) > len(adopted) / 2
+
+
+def test_a_rehearsed_change_lets_others_write_meanwhile_and_stores_nothing(
+    kb: KnowledgeBase, meanwhile: Meanwhile, adopted: list[bool]
+) -> None:
+    meanwhile.append(lambda: write(kb, "INSERT DATA { <urn:r3> <urn:u> <urn:r4> }"))
+    write(kb, "INSERT DATA { <urn:r1> <urn:u> <urn:r2> . <urn:r2> <urn:u> <urn:r3> }")
+    transitive = "http://www.w3.org/2002/07/owl#TransitiveProperty"
+    axiom = Quad(iri("urn:u"), RDF.type, iri(transitive), kb.graphs.agent("nao-1"))
+    before = kb.seq
+    trial = kb.try_change([axiom])
+    assert meanwhile == []
+    assert (kb.seq, trial.seq, trial.added) == (before + 1, before + 1, 1)
+    assert trial.derived >= 3, "r1 and r2 to r4, by what came meanwhile, and r1 to r3"
+    assert not kb.query("ASK { <urn:r1> <urn:u> <urn:r4> }")
+    assert_current(kb)
+    done = kb.update(f"INSERT DATA {{ <urn:u> a <{transitive}> }}")
+    assert done.derived == trial.derived
+
+
+def test_a_rehearsal_is_refused_as_the_commit_would_be(
+    kb: KnowledgeBase, meanwhile: Meanwhile, adopted: list[bool]
+) -> None:
+    write(kb, "INSERT DATA { <urn:q1> a <urn:Lid> , <urn:Pot> }")
+    disjoint = iri("http://www.w3.org/2002/07/owl#disjointWith")
+    axiom = Quad(iri("urn:Lid"), disjoint, iri("urn:Pot"), kb.graphs.agent("nao-1"))
+    with pytest.raises(InconsistentError, match="urn:q1"):
+        kb.try_change([axiom])
+    everything = Quad(RDFS.subClassOf, RDF.type, iri("http://www.w3.org/2002/07/owl#SymmetricProperty"),
+                  kb.graphs.agent("nao-1"))  # fmt: skip
+    with pytest.raises(RtaskError):
+        kb.try_change([everything])
+    assert_current(kb)
