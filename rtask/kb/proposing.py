@@ -21,9 +21,7 @@ __all__ = ["Proposing"]
 
 # As much may follow as from the update of an operator, who would adopt the change. But anybody may
 # ask for a trial, so time and memory are those of a robot's commit.
-_OF_TRIALS = replace(
-    OF_OPERATORS, seconds=OF_ROBOTS.seconds, memory_bytes=OF_ROBOTS.memory_bytes
-)
+_OF_TRIALS = replace(OF_OPERATORS, seconds=OF_ROBOTS.seconds, memory_bytes=OF_ROBOTS.memory_bytes)
 
 
 class Proposing(Writing):

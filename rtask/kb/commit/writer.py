@@ -180,9 +180,9 @@ class Writer:
         Parameters
         ----------
         commit
-            Makes the commit for a request, or rehearses it. It is called again if only a trial, during which others
-            may write, shows what follows from the change; then with the trial, which is to catch
-            up before the lock is taken.
+            Makes the commit for a request, or rehearses it. It is called again if only a trial,
+            during which others may write, shows what follows from the change; then with the trial,
+            which is to catch up before the lock is taken.
         """
         try:
             return commit(replace(request, is_repeatable=True), None)
