@@ -205,14 +205,14 @@ class WorldEdit:
     def _carried(self, last: Placement, lost: Sequence[str]) -> Placement | None:
         """Return the first placement of a thing that turns out to be a lost one, or None."""
         for other in self._doubts_about(last.subject):
-            history = self.world.history(other)
+            first = self.world.first_placement(other)
             doubts = [name for name, _ in self.world.doubts(other)]
-            if self.world.is_merged(other) or last.subject not in doubts or not history:
+            if self.world.is_merged(other) or last.subject not in doubts or first is None:
                 continue
             rivals = [name for name in doubts if name != last.subject]
             is_only = all(self._is_there_still(name) and name not in lost for name in rivals)
-            if is_only and last.confirmed < history[0].begin:
-                return history[0]
+            if is_only and last.confirmed < first.begin:
+                return first
         return None
 
     def _is_there_still(self, exemplar: str) -> bool:
@@ -334,10 +334,8 @@ class WorldEdit:
         """Whether a thing that was in a hand or box last was in the frames of a robot before."""
         if last.frame_from_subject is not None or self._is_made(last.subject):
             return False
-        for placement in reversed(self.world.history(last.subject)):
-            if placement.frame_from_subject is not None:
-                return self.world.pose_in(placement, seen.frame, seen.time_s) is not None
-        return False
+        posed = self.world.last_with_pose(last.subject)
+        return posed is not None and self.world.pose_in(posed, seen.frame, seen.time_s) is not None
 
     def _is_there(self, last: Placement, seen: Seen) -> bool:
         there = self.world.pose_in(last, seen.frame, seen.time_s)
@@ -379,9 +377,11 @@ class WorldEdit:
         """
         if last.relation != "on" or self._is_made(last.subject):
             return None
-        for placement in self.world.history(last.subject):
-            is_before = placement.end == last.begin and placement.relation == "at"
-            if is_before and placement.frame_from_subject is not None:
+        for entry in self.world.entries(last.subject):
+            if entry.end != last.begin or entry.place >= 0 or entry.frame < 0:
+                continue
+            placement = self.world.index.read(entry.node)
+            if placement is not None and placement.frame_from_subject is not None:
                 return replace(last, frame=placement.frame, begin=placement.begin,
                                frame_from_subject=placement.frame_from_subject,
                                sigma_m=placement.sigma_m)  # fmt: skip

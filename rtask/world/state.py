@@ -13,6 +13,7 @@ from rtask.rdf.namespaces import PROV, RDF, RT
 from rtask.rdf.terms import NamedNode, Triple, iri, python_value
 from rtask.world.frames import FrameTree, Way
 from rtask.world.index import PlacementIndex
+from rtask.world.index.tail import Entry
 from rtask.world.placement import Placement, seconds
 from rtask.world.uncertainty import NEARBY_M, Spread, spread_of
 
@@ -82,11 +83,28 @@ class WorldState:
 
         It begins another one each time that it is seen to have moved there.
         """
-        while True:
-            before = self.last_placement(placement.subject, np.nextafter(placement.begin, -_NEVER))
-            if before is None or not placement.follows(before):
-                return placement
-            placement = before
+        names = self.names_of(placement.subject)
+        return self.index.read(self.index.arrival(names, placement)) or placement
+
+    def first_placement(self, subject: str) -> Placement | None:
+        """Return the first placement of a thing, or None if it never had one."""
+        nodes = (self.index.first(name) for name in self.names_of(subject))
+        placements = [self.index.read(node) for node in nodes if node is not None]
+        return min((p for p in placements if p is not None), key=_by_begin, default=None)
+
+    def last_with_pose(self, subject: str) -> Placement | None:
+        """Return the last placement of a thing that has a pose, or None if none has."""
+        nodes = (self.index.last_with_pose(name) for name in self.names_of(subject))
+        placements = [self.index.read(node) for node in nodes if node is not None]
+        return max((p for p in placements if p is not None), key=_by_begin, default=None)
+
+    def entries(self, subject: str) -> list[Entry]:
+        """Return what the index says of all placements of a thing, oldest first.
+
+        Much quicker than reading them, for who needs only some.
+        """
+        entries = [entry for name in self.names_of(subject) for entry in self.index.entries(name)]
+        return sorted(entries, key=lambda entry: (entry.begin, entry.node))
 
     def history(self, subject: str) -> list[Placement]:
         """Return all placements of a thing or frame, oldest first."""

@@ -13,10 +13,14 @@ from rtask.world.placement import Placement
 from rtask.world.uncertainty import MOVED_M
 
 if TYPE_CHECKING:
+    from rtask.world.index.tail import Entry
     from rtask.world.state import WorldState
 
 __all__ = ["Stay", "stays_of"]
 
+_MAX_COMPARISONS = 5_000
+"""Pairs of poses that one answer compares. A thing that crept on for years would be compared with
+each place of those years; beyond this it is not known when it came, or left."""
 _SURE_SIGMAS = 3.5
 """Noise of 1 look in 500 is beyond so many standard deviations per axis, in the plane."""
 
@@ -57,32 +61,81 @@ def stays_of(
     -------
     The places, at most ``max_stays``, and how many earlier ones there are.
     """
-    history = world.history(thing)
-    begun = sum(place.begin <= until_s for place in history)
+    history = _History(world, thing)
+    begun = sum(entry.begin <= until_s for entry in history.entries)
     first = 0 if max_stays is None else max(begun - max_stays, 0)
-    return [_stay(world, history, number) for number in range(first, begun)], first
+    return [history.stay(number) for number in range(first, begun)], first
 
 
-def _stay(world: WorldState, history: Sequence[Placement], number: int) -> Stay:
-    placement, last = history[number], number
-    while last + 1 < len(history) and _may_be_one(world, history, number, last + 1):
-        last += 1
-    left_before_s = history[last].end
-    first = number
-    if placement.relation != "at":
-        while first and history[first].follows(history[first - 1]):
-            first -= 1
-        while last + 1 < len(history) and history[last + 1].follows(history[last]):
-            last += 1
-        came = history[first]
-        return Stay(placement, came.begin, history[last].end, came.agent)
-    while first and _may_be_one(world, history, number, first - 1):
-        first -= 1
-    arrived_after_s = history[first - 1].confirmed if first else None
-    if history[first].relation != "at":
-        arrived_after_s = history[first].begin
-    mover = _mover(history[number - 1], placement) if number else ""
-    return Stay(placement, arrived_after_s, left_before_s, mover)
+class _History:
+    """The places of a thing, oldest first, each of which is read when it is looked at.
+
+    What was where, from when to when, is in the index; a thing that is seen for years has more
+    places than are to be read for the last hundred.
+    """
+
+    def __init__(self, world: WorldState, thing: str) -> None:
+        self._world = world
+        self.entries = world.entries(thing)
+        self._read: dict[int, Placement] = {}
+        self._comparisons = _MAX_COMPARISONS
+        self._came, self._went = _runs(self.entries)
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def __getitem__(self, number: int) -> Placement:
+        placement = self._read.get(number)
+        if placement is None:
+            entry = self.entries[number]
+            read = self._world.index.read(entry.node)
+            # Withdrawn since the index was asked: what it said of the place holds for this answer.
+            end = None if math.isinf(entry.end) else entry.end
+            placement = read or Placement(entry.node, "", entry.begin, end, entry.begin)
+            self._read[number] = placement
+        return placement
+
+    def stay(self, number: int) -> Stay:
+        """Return one place, with when the thing came there, and by when it had left."""
+        placement = self[number]
+        if placement.relation != "at":
+            came = self[self._came[number]]
+            last, is_cut = self._run(number, self._went[number], 1)
+            left_before_s = None if is_cut else self[self._went[last]].end
+            return Stay(placement, came.begin, left_before_s, came.agent)
+        last, is_cut = self._run(number, number, 1)
+        left_before_s = None if is_cut else self[last].end
+        first, is_cut = self._run(number, number, -1)
+        arrived_after_s = self[first - 1].confirmed if first else None
+        if self[first].relation != "at":
+            arrived_after_s = self[first].begin
+        mover = _mover(self[number - 1], placement) if number else ""
+        return Stay(placement, None if is_cut else arrived_after_s, left_before_s, mover)
+
+    def _run(self, number: int, start: int, step: int) -> tuple[int, bool]:
+        """Return up to which place a thing may have stood still, and whether that was cut short."""
+        at = start
+        while 0 <= at + step < len(self.entries):
+            if self._comparisons <= 0:
+                return at, True
+            self._comparisons -= 1
+            if not _may_be_one(self._world, self[number], self[at + step]):
+                break
+            at += step
+        return at, False
+
+
+def _runs(entries: Sequence[Entry]) -> tuple[list[int], list[int]]:
+    """Return for each place the first and the last of the stay on or in something it belongs to."""
+    came: list[int] = []
+    for number, entry in enumerate(entries):
+        follows = number > 0 and entry.follows(entries[number - 1])
+        came.append(came[-1] if follows else number)
+    went = list(range(len(entries)))
+    for number in range(len(entries) - 2, -1, -1):
+        if came[number + 1] == came[number]:
+            went[number] = went[number + 1]
+    return came, went
 
 
 def _mover(before: Placement, placement: Placement) -> str:
@@ -91,13 +144,12 @@ def _mover(before: Placement, placement: Placement) -> str:
     return before.agent if is_carried else ""
 
 
-def _may_be_one(world: WorldState, history: Sequence[Placement], number: int, other: int) -> bool:
+def _may_be_one(world: WorldState, place: Placement, away: Placement) -> bool:
     """Whether a thing may have stood still from one place to another, as far as was measured.
 
     So too where it was missed in between: eyes miss things. False where the two poses cannot be
     compared; the places between are known to be like this one.
     """
-    place, away = history[number], history[other]
     if place.frame_from_subject is None:
         return False
     there = world.pose_in(away, place.frame, max(place.begin, away.begin))

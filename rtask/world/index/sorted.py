@@ -1,7 +1,8 @@
 """Index of placements: which one a thing had at an instant, and what came or went near a place.
 
-It holds subject, begin, end and position of each placement in sorted arrays, is rebuilt from the
-graph, and follows its commits. Placements since the last sorting lie in a short tail.
+It holds subject, begin, end, position and place of each placement in sorted arrays, is rebuilt
+from the graph, and follows its commits. Placements since the last sorting lie in a short tail. No
+question about one thing takes longer the longer it stays, or the more happened elsewhere since.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 import itertools
 import math
 import threading
+from bisect import bisect_left, insort
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,25 +20,33 @@ from numpy.typing import NDArray
 from rtask.rdf.namespaces import PREFIXES, RT
 from rtask.rdf.terms import NamedNode
 from rtask.world.index.cache import PlacementCache
+from rtask.world.index.cells import CELL_M, Cells, cell_of, cells_around
+from rtask.world.index.columns import joined, order_of
+from rtask.world.index.stays import stays_from
 from rtask.world.index.tail import Entry, Tail
-from rtask.world.placement import TIME, Placement, seconds
+from rtask.world.placement import RELATIONS, TIME, Placement, seconds
 
 if TYPE_CHECKING:
     from rtask.kb.commit.commit import Change
     from rtask.kb.core import GraphCore
+    from rtask.sparql.results import Row
 
 __all__ = ["Moments", "PlacementIndex"]
 
 _MIN_TAIL, _TAIL_RATIO = 1024, 256
 """Placements that lie in the tail until it is sorted in, at least, and as a share of all."""
 _NEVER = float("inf")
-_WATCHED = frozenset({RT.placementOf, RT.placementPose, TIME.hasBeginning, TIME.hasEnd})
+_WATCHED = frozenset({RT.placementOf, RT.placementPose, TIME.hasBeginning, TIME.hasEnd, *RELATIONS})
 _ALL = """
 SELECT ?placement ?subject ?begin (MIN(?ended) AS ?end) (SAMPLE(?in) AS ?frame)
   (SAMPLE(?px) AS ?x) (SAMPLE(?py) AS ?y) (SAMPLE(?pz) AS ?z)
+  (SAMPLE(?onto) AS ?on) (SAMPLE(?into) AS ?inside) (SAMPLE(?hand) AS ?held_by)
 WHERE {
   ?placement rt:placementOf ?subject ; time:hasBeginning/time:inXSDDateTimeStamp ?begin
   OPTIONAL { ?placement time:hasEnd/time:inXSDDateTimeStamp ?ended }
+  OPTIONAL { ?placement rt:placedOn ?onto }
+  OPTIONAL { ?placement rt:placedIn ?into }
+  OPTIONAL { ?placement rt:heldBy ?hand }
   OPTIONAL {
     ?placement rt:placementPose ?pose .
     ?pose rt:inFrame ?in ; rt:x ?px ; rt:y ?py ; rt:z ?pz
@@ -88,19 +98,97 @@ class PlacementIndex:
         with self._lock:
             self._catch_up()
             number = self._numbers.get(subject)
-            if number is None:
-                return None
-            best: Entry | None = None
-            low, high = self._range(number)
-            k = low + int(np.searchsorted(self._begins[low:high], time_s, side="right")) - 1
-            while k >= low and k in self._gone:
-                k -= 1
-            if k >= low:
-                best = self._entry(k)
-            for entry in self._tail.of_subject(number):
-                if entry.begin <= time_s:
-                    best = entry if best is None else max(best, entry)
-            return best
+            return None if number is None else self._last_of(number, time_s)[0]
+
+    def _last_of(
+        self, number: int, time_s: float, *, before: bool = False
+    ) -> tuple[Entry | None, int]:
+        """Return the last placement that began by, or before, an instant, and its row.
+
+        The row is -1 for one that is not sorted in yet.
+        """
+        low, k = self._last_sorted(number, time_s, "left" if before else "right")
+        entry = self._tail.last(number, time_s, before=before)
+        if k < low:
+            return entry, -1
+        row = self._entry(k)
+        return (row, k) if entry is None or row > entry else (entry, -1)
+
+    def _last_sorted(
+        self, number: int, time_s: float, side: Literal["left", "right"] = "right"
+    ) -> tuple[int, int]:
+        """Return the first row of a thing, and the last one that began; less if there is none."""
+        low, high = self._range(number)
+        k = low + int(np.searchsorted(self._begins[low:high], time_s, side=side)) - 1
+        while k >= low and k in self._gone:
+            k -= 1
+        return low, k
+
+    def arrival(self, subjects: Sequence[str], placement: Placement) -> str:
+        """Return the placement with which a thing came to where it is: on this, in that.
+
+        Each time that it is seen to have moved there another one begins. Those that are sorted
+        in are skipped, however many they are.
+
+        Parameters
+        ----------
+        subjects
+            All names of the thing.
+        """
+        with self._lock:
+            self._catch_up()
+            numbers = [self._numbers[name] for name in subjects if name in self._numbers]
+            current = self._entry_of(placement)
+            while True:
+                found = [self._last_of(number, current.begin, before=True) for number in numbers]
+                # By begin: names that were merged count alike.
+                begun = [(e.begin, e.node, e, row) for e, row in found if e is not None]
+                if not begun:
+                    return current.node
+                *_, before, row = max(begun)
+                if not current.follows(before):
+                    return current.node
+                if row < 0:
+                    current = self._first_of_late_stay(before, numbers)
+                else:
+                    current = self._entry(self._first_of_stay(row, numbers))
+
+    def _first_of_stay(self, row: int, numbers: Sequence[int]) -> int:
+        """Return the first row from which no other placement comes between, down from one."""
+        begin, subject = float(self._begins[row]), int(self._subjects[row])
+        first = int(self._stays[row])
+        gone = self._gone_of.get(subject, [])
+        k = bisect_left(gone, row)
+        if k:
+            first = max(first, gone[k - 1] + 1)
+        others = [self._tail.last(number, begin) for number in numbers]
+        others += [self._last_of(n, begin)[0] for n in numbers if n != subject]
+        latest = max((entry.begin for entry in others if entry is not None), default=-_NEVER)
+        low = first + int(np.searchsorted(self._begins[first:row], latest, side="right"))
+        return min(low, row)
+
+    def _first_of_late_stay(self, entry: Entry, numbers: Sequence[int]) -> Entry:
+        """Return the first placement from which no other one comes between, in the tail."""
+        low, row = self._last_sorted(entry.subject, entry.begin)
+        others = [self._last_of(n, entry.begin)[0] for n in numbers if n != entry.subject]
+        begins = [other.begin for other in others if other is not None]
+        latest = max([*begins, float(self._begins[row]) if row >= low else -_NEVER])
+        late = self._tail.of_subject(entry.subject)
+        k = bisect_left(late, entry)
+        while k and latest < late[k - 1].begin < late[k].begin and late[k].follows(late[k - 1]):
+            k -= 1
+        return late[k]
+
+    def _entry_of(self, placement: Placement) -> Entry:
+        end = _NEVER if placement.end is None else placement.end
+        subject = self._numbers.get(placement.subject, -2)
+        place = self._place(placement.relation, placement.place)
+        return Entry(subject, placement.begin, placement.iri, end, -1, 0.0, 0.0, 0.0, place)
+
+    def _place(self, relation: str, place: str) -> int:
+        if relation == "at":
+            return -1
+        return self._places.setdefault((relation, place), len(self._places))
 
     def rival(self, subject: str, time_s: float) -> str | None:
         """Return another placement that holds at an instant and began when the last one did."""
@@ -138,15 +226,44 @@ class PlacementIndex:
 
     def history(self, subject: str) -> list[str]:
         """Return all placements of a thing, oldest first."""
+        return [entry.node for entry in self.entries(subject)]
+
+    def entries(self, subject: str) -> list[Entry]:
+        """Return what is in the index of all placements of a thing, oldest first."""
         with self._lock:
             self._catch_up()
             number = self._numbers.get(subject)
             if number is None:
                 return []
             low, high = self._range(number)
-            entries = [self._entry(k) for k in range(low, high) if k not in self._gone]
-            entries += self._tail.of_subject(number)
-            return [entry.node for entry in sorted(entries)]
+            rows = [self._entry(k) for k in range(low, high) if k not in self._gone]
+            return sorted([*rows, *self._tail.of_subject(number)])
+
+    def first(self, subject: str) -> str | None:
+        """Return the first placement of a thing, or None if there is none."""
+        with self._lock:
+            self._catch_up()
+            number = self._numbers.get(subject)
+            if number is None:
+                return None
+            low, high = self._range(number)
+            rows = (self._entry(k) for k in range(low, high) if k not in self._gone)
+            firsts = [*itertools.islice(rows, 1), *self._tail.of_subject(number)[:1]]
+            return min(firsts).node if firsts else None
+
+    def last_with_pose(self, subject: str) -> str | None:
+        """Return the last placement of a thing that has a pose, or None if none has."""
+        with self._lock:
+            self._catch_up()
+            number = self._numbers.get(subject)
+            if number is None:
+                return None
+            low, high = self._range(number)
+            posed = (low + np.flatnonzero(self._frames[low:high] >= 0)[::-1]).tolist()
+            rows = (self._entry(k) for k in posed if k not in self._gone)
+            late = (entry for entry in reversed(self._tail.of_subject(number)) if entry.frame >= 0)
+            lasts = [*itertools.islice(rows, 1), *itertools.islice(late, 1)]
+            return max(lasts).node if lasts else None
 
     def open(self, subject: str) -> list[str]:
         """Return the placements of a thing that have no end, oldest first."""
@@ -179,19 +296,27 @@ class PlacementIndex:
         """
         with self._lock:
             self._catch_up()
-            staying = np.ones(len(self._nodes), bool)
-            staying[list(self._gone)] = False
             tail = [moment for e in self._tail.values() for moment in (e.begin, e.end)]
-            times = np.concatenate([self._begins[staying], self._ends[staying], np.array(tail)])
-            times = times[np.isfinite(times)]
-            if not len(times):
+            before = [moment for moment in tail if moment < time_s]
+            after = [moment for moment in tail if time_s < moment < _NEVER]
+            first = [e.begin for e in self._tail.values()]
+            for times, order in ((self._begins, self._by_begin), (self._ends, self._by_end)):
+                low = int(np.searchsorted(times, time_s, side="left", sorter=order))
+                high = int(np.searchsorted(times, time_s, side="right", sorter=order))
+                before += self._first_staying(times, order[:low][::-1])
+                after += self._first_staying(times, order[high:])
+            first += self._first_staying(self._begins, self._by_begin)
+            if not first:
                 return None
-            before, after = times[times < time_s], times[times > time_s]
             return Moments(
-                float(times.min()),
-                float(before.max()) if len(before) else None,
-                float(after.min()) if len(after) else None,
-            )
+                min(first), max(before, default=None),
+                min((moment for moment in after if moment < _NEVER), default=None),
+            )  # fmt: skip
+
+    def _first_staying(self, times: NDArray[np.float64], rows: NDArray[np.intp]) -> list[float]:
+        """Return the time of the first of some rows that is not gone, if there is one."""
+        return [float(times[k]) for k in itertools.islice(
+            (k for k in rows if int(k) not in self._gone), 1)]  # fmt: skip
 
     def subjects(self) -> list[str]:
         """Return the things and frames that have placements."""
@@ -205,7 +330,13 @@ class PlacementIndex:
         """Return how often another thing came to, or left, the surroundings of a placement.
 
         Counted are the begins and ends in an interval, of placements in the same frame.
+
+        Parameters
+        ----------
+        radius_m
+            At most the edge of a cell of the index, m.
         """
+        assert radius_m <= CELL_M
         if placement.frame_from_subject is None:
             return 0
         with self._lock:
@@ -213,15 +344,15 @@ class PlacementIndex:
             frame = self._numbers.get(placement.frame, -2)
             subject = self._numbers.get(placement.subject, -2)
             here = placement.frame_from_subject[:3, 3]
+            spot: list[float] = here.tolist()
+            cell = cell_of(frame, *spot)
             events = 0
-            for times, order in ((self._begins, self._by_begin), (self._ends, self._by_end)):
-                low, high = np.searchsorted(times, [since_s, until_s], side="right", sorter=order)
-                rows = order[low:high]
+            for cells in (self._begin_cells, self._end_cells):
+                rows = cells.rows_near(cell, since_s, until_s)
                 rows = rows[(self._frames[rows] == frame) & (self._subjects[rows] != subject)]
                 near = np.linalg.norm(self._positions[rows] - here, axis=1) <= radius_m
                 events += sum(int(k) not in self._gone for k in rows[near])
-            spot = here.tolist()
-            for entry in self._tail.in_frame(frame):
+            for entry in self._tail.in_cells(cells_around(cell)):
                 moments = (since_s < entry.begin <= until_s) + (since_s < entry.end <= until_s)
                 is_other = moments and entry.subject != subject
                 if is_other and math.dist((entry.x, entry.y, entry.z), spot) <= radius_m:
@@ -233,9 +364,10 @@ class PlacementIndex:
         return int(low), int(high)
 
     def _entry(self, k: int) -> Entry:
+        x, y, z = self._positions[k].tolist()
         return Entry(
             int(self._subjects[k]), float(self._begins[k]), self._nodes[k], float(self._ends[k]),
-            int(self._frames[k]), *(float(number) for number in self._positions[k]),
+            int(self._frames[k]), x, y, z, int(self._placed[k]),
         )  # fmt: skip
 
     def read(self, node: str) -> Placement | None:
@@ -273,6 +405,7 @@ class PlacementIndex:
         if k is not None:
             # The row stays until the next sorting, so that the numbers of all others stay true.
             self._gone.add(k)
+            insort(self._gone_of.setdefault(int(self._subjects[k]), []), k)
         self._tail.remove(node)
         placement = self._cache.read(node)
         if placement is None:
@@ -283,13 +416,15 @@ class PlacementIndex:
             frame = self._number(placement.frame)
             position = (float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3]))
         subject = self._number(placement.subject)
-        self._tail.add(Entry(subject, placement.begin, node, end, frame, *position))
+        place = self._place(placement.relation, placement.place)
+        self._tail.add(Entry(subject, placement.begin, node, end, frame, *position, place))
 
     def _fill(self) -> None:
         self._clear()
         entries = []
         for row in self._kb.select(PREFIXES + _ALL):
             has_pose = row["frame"] is not None
+            x, y, z = (float(str(row.value(axis))) if has_pose else 0.0 for axis in "xyz")
             entries.append(
                 Entry(
                     self._number(str(row.value("subject"))),
@@ -297,19 +432,30 @@ class PlacementIndex:
                     str(row.value("placement")),
                     _NEVER if row["end"] is None else seconds(row.value("end")),
                     self._number(str(row.value("frame"))) if has_pose else -1,
-                    *(float(str(row.value(axis))) if has_pose else 0.0 for axis in "xyz"),
+                    x,
+                    y,
+                    z,
+                    self._place_of(row),
                 )
             )
         self._sort(entries)
 
+    def _place_of(self, row: Row) -> int:
+        for relation, name in (("on", "on"), ("in", "inside"), ("held_by", "held_by")):
+            if row[name] is not None:
+                return self._place(relation, str(row.value(name)))
+        return -1
+
     def _clear(self) -> None:
         self._numbers: dict[str, int] = {}
+        self._places: dict[tuple[str, str], int] = {}
         self._nodes: list[str] = []
         self._subjects: NDArray[np.int32] = np.empty(0, np.int32)
         self._begins: NDArray[np.float64] = np.empty(0, np.float64)
         self._ends: NDArray[np.float64] = np.empty(0, np.float64)
         self._frames: NDArray[np.int32] = np.empty(0, np.int32)
         self._positions: NDArray[np.float32] = np.empty((0, 3), np.float32)
+        self._placed: NDArray[np.int32] = np.empty(0, np.int32)
         self._gone: set[int] = set()
         self._sort(())
 
@@ -318,40 +464,26 @@ class PlacementIndex:
         staying = np.ones(len(self._nodes), bool)
         staying[list(self._gone)] = False
         nodes = [*itertools.compress(self._nodes, staying), *(entry.node for entry in entries)]
-        subjects = _joined(self._subjects, staying, [entry.subject for entry in entries])
-        begins = _joined(self._begins, staying, [entry.begin for entry in entries])
-        ends = _joined(self._ends, staying, [entry.end for entry in entries])
-        frames = _joined(self._frames, staying, [entry.frame for entry in entries])
-        positions = _joined(self._positions, staying, [(e.x, e.y, e.z) for e in entries])
-        order = _order(subjects, begins, nodes)
+        subjects = joined(self._subjects, staying, [entry.subject for entry in entries])
+        begins = joined(self._begins, staying, [entry.begin for entry in entries])
+        ends = joined(self._ends, staying, [entry.end for entry in entries])
+        frames = joined(self._frames, staying, [entry.frame for entry in entries])
+        positions = joined(self._positions, staying, [(e.x, e.y, e.z) for e in entries])
+        placed = joined(self._placed, staying, [entry.place for entry in entries])
+        order = order_of(subjects, begins, nodes)
         self._subjects, self._begins, self._ends = subjects[order], begins[order], ends[order]
         self._frames, self._positions = frames[order], positions[order]
+        self._placed = placed[order]
         self._nodes = [nodes[k] for k in order.tolist()]
         self._row_of: dict[str, int] = {node: k for k, node in enumerate(self._nodes)}
         self._by_begin: NDArray[np.intp] = np.argsort(self._begins, kind="stable")
         self._by_end: NDArray[np.intp] = np.argsort(self._ends, kind="stable")
+        self._stays = stays_from(self._subjects, self._begins, self._ends, self._placed)
+        self._begin_cells = Cells(self._frames, self._positions, self._begins)
+        self._end_cells = Cells(self._frames, self._positions, self._ends)
         self._tail = Tail()
         self._gone = set()
+        self._gone_of: dict[int, list[int]] = {}
 
     def _number(self, name: str) -> int:
         return self._numbers.setdefault(name, len(self._numbers))
-
-
-def _joined(old: NDArray[Any], staying: NDArray[np.bool_], new: Sequence[object]) -> NDArray[Any]:
-    """Return the rows of a column that stay, and new ones."""
-    return np.concatenate([old[staying], np.array(new, old.dtype).reshape(-1, *old.shape[1:])])
-
-
-def _order(
-    subjects: NDArray[np.int32], begins: NDArray[np.float64], nodes: Sequence[str]
-) -> NDArray[np.intp]:
-    """Return the order by subject, then begin, then node."""
-    order = np.lexsort((begins, subjects))
-    subjects, begins = subjects[order], begins[order]
-    is_tied = (subjects[1:] == subjects[:-1]) & (begins[1:] == begins[:-1])
-    first = 0
-    for last in (*(np.flatnonzero(~is_tied) + 1).tolist(), len(order)) if is_tied.any() else ():
-        if last - first > 1:
-            order[first:last] = sorted(order[first:last].tolist(), key=nodes.__getitem__)
-        first = last
-    return order

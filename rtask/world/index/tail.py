@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from bisect import bisect_left, bisect_right, insort
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
+
+from rtask.world.index.cells import Cell, cell_of
 
 __all__ = ["Entry", "Tail"]
 
 
 class Entry(NamedTuple):
-    """A placement in the index; frame -1 stands for no pose. Times in s, position in m."""
+    """A placement in the index; frame -1 stands for no pose. Times in s, position in m.
+
+    Place -1 stands for a mere pose, else it is the number of a relation with a place.
+    """
 
     subject: int
     begin: float
@@ -19,6 +25,11 @@ class Entry(NamedTuple):
     x: float
     y: float
     z: float
+    place: int = -1
+
+    def follows(self, before: Entry) -> bool:
+        """Whether the thing was on, in or held by the same before, without a break."""
+        return self.place >= 0 and self.place == before.place and before.end == self.begin
 
 
 class Tail:
@@ -26,14 +37,14 @@ class Tail:
 
     >>> tail = Tail()
     >>> tail.add(Entry(1, 0.0, "urn:a", 9.0, 2, 0.0, 0.0, 0.0))
-    >>> len(tail), [entry.node for entry in tail.in_frame(2)], list(tail.of_subject(2))
-    (1, ['urn:a'], [])
+    >>> len(tail), tail.last(1, 5.0).node, list(tail.of_subject(2))
+    (1, 'urn:a', [])
     """
 
     def __init__(self) -> None:
         self._entries: dict[str, Entry] = {}
-        self._of_subject: dict[int, dict[str, Entry]] = {}
-        self._in_frame: dict[int, dict[str, Entry]] = {}
+        self._of_subject: dict[int, list[Entry]] = {}
+        self._in_cell: dict[Cell, dict[str, Entry]] = {}
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -42,24 +53,40 @@ class Tail:
         """Return all placements."""
         return list(self._entries.values())
 
-    def of_subject(self, number: int) -> Collection[Entry]:
-        """Return the placements of a thing or frame."""
-        return self._of_subject.get(number, {}).values()
+    def of_subject(self, number: int) -> Sequence[Entry]:
+        """Return the placements of a thing or frame, sorted."""
+        return self._of_subject.get(number, ())
 
-    def in_frame(self, number: int) -> Collection[Entry]:
-        """Return the placements whose pose is in a frame."""
-        return self._in_frame.get(number, {}).values()
+    def last(self, number: int, time_s: float, *, before: bool = False) -> Entry | None:
+        """Return the last placement of a thing that began by, or before, an instant."""
+        entries = self._of_subject.get(number, ())
+        find = bisect_left if before else bisect_right
+        k = find(entries, time_s, key=lambda entry: entry.begin)
+        return entries[k - 1] if k else None
+
+    def in_cells(self, cells: Iterable[Cell]) -> Iterator[Entry]:
+        """Yield the placements whose poses are in some cells."""
+        for cell in cells:
+            yield from self._in_cell.get(cell, {}).values()
 
     def add(self, entry: Entry) -> None:
         """Add a placement, or replace what was known of it."""
         self.remove(entry.node)
         self._entries[entry.node] = entry
-        self._of_subject.setdefault(entry.subject, {})[entry.node] = entry
-        self._in_frame.setdefault(entry.frame, {})[entry.node] = entry
+        insort(self._of_subject.setdefault(entry.subject, []), entry)
+        if entry.frame >= 0:
+            self._in_cell.setdefault(_cell_of(entry), {})[entry.node] = entry
 
     def remove(self, node: str) -> None:
         """Forget a placement, if it is here."""
         entry = self._entries.pop(node, None)
-        if entry is not None:
-            del self._of_subject[entry.subject][node]
-            del self._in_frame[entry.frame][node]
+        if entry is None:
+            return
+        entries = self._of_subject[entry.subject]
+        del entries[bisect_left(entries, entry)]
+        if entry.frame >= 0:
+            del self._in_cell[_cell_of(entry)][node]
+
+
+def _cell_of(entry: Entry) -> Cell:
+    return cell_of(entry.frame, entry.x, entry.y, entry.z)

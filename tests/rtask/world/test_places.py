@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from rtask.kb.commit.commit import Request
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import Quad, object_term
 from rtask.world.estimates import estimated_placements
+from tests.rtask.world.conftest import pose
 
 DAY_S = 86_400.0
 
@@ -261,3 +264,83 @@ def test_a_place_that_was_read_is_read_again_once_anything_of_it_changed(lab):
     (moved,) = lab.ask(cup, 20, frame="map").exemplars
     shift = moved.frame_from_exemplar[0, 3] - place.frame_from_exemplar[0, 3]
     assert shift == pytest.approx(1.0), "the robot stood elsewhere than was stated at first"
+
+
+def _walked(world, placement, thing=""):
+    """Return the arrival by walking through each placement."""
+    while True:
+        before = world.last_placement(
+            thing or placement.subject, np.nextafter(placement.begin, -np.inf)
+        )
+        if before is None or not placement.follows(before):
+            return placement
+        placement = before
+
+
+def test_an_arrival_is_found_without_walking_wherever_the_run_is_sorted_or_was_changed(
+    lab, monkeypatch
+):
+    from rtask.world.index import PlacementIndex, sorted
+
+    monkeypatch.setattr(sorted, "_MIN_TAIL", 7)
+    rng = np.random.default_rng(4)
+    first, other = lab.see(lab.cup, 0.3, 0.1, 0), lab.see(lab.cup, 0.9, 0.1, 0)
+    assert first != other
+    for k in range(1, 60):
+        thing, place = (first, lab.left_box) if rng.random() < 0.7 else (other, lab.hand())
+        draw = rng.random()
+        if draw < 0.15:
+            lab.lose(thing, 10 * k)
+        else:
+            x = 0.3 if thing == first else 0.9
+            place = lab.left_box if draw < 0.8 else place
+            edit, placement = lab.edit(), lab.kb.world.last_placement(thing)
+            pose_there = pose(x + 0.03 * (k % 3), 0.1)
+            edit._close(thing, lab.noon + 10 * k)
+            edit._open(replace(placement, iri=edit._node(), begin=lab.noon + 10 * k, end=None,
+                               confirmed=lab.noon + 10 * k, relation="in", place=place,
+                               frame=lab.frame(), frame_from_subject=pose_there))  # fmt: skip
+            lab.commit(edit, "nao-1")
+    world = lab.kb.world
+    rebuilt = PlacementIndex(lab.kb)
+    longest = 0
+    for thing in (first, other):
+        names = world.names_of(thing)
+        for placement in world.history(thing):
+            walked = _walked(world, placement)
+            assert world.arrival(placement).iri == walked.iri
+            assert rebuilt.arrival(names, placement) == walked.iri
+            longest = max(longest, round((placement.begin - walked.begin) / 10))
+    assert longest > 7, "runs are longer than the tail"
+    rebuilt.close()
+    lab.kb.update(f"INSERT DATA {{ GRAPH <{lab.kb.graphs.agent('nao-1').value}> {{ <{other}> "
+                  f"<https://w3id.org/rtask-kg/ns#mergedInto> <{first}> }} }}")  # fmt: skip
+    for placement in world.history(first):
+        walked = _walked(world, placement, first)
+        assert world.index.arrival(world.names_of(first), placement) == walked.iri
+
+
+def test_a_question_about_a_long_stay_reads_a_few_of_its_places(lab, monkeypatch):
+    from rtask.world.index import PlacementIndex
+    from rtask.world.tracing import stays_of
+
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    edit = lab.edit()
+    for k in range(1, 400):
+        edit._close(cup, lab.noon + 60 * k)
+        edit._open(replace(lab.kb.world.last_placement(cup), iri=edit._node(), end=None,
+                           begin=lab.noon + 60 * k, confirmed=lab.noon + 60 * k, relation="in",
+                           place=lab.left_box))  # fmt: skip
+    lab.commit(edit, "nao-1")
+    read, reads = PlacementIndex.read, []
+    monkeypatch.setattr(PlacementIndex, "read", lambda *args: reads.append(args) or read(*args))
+    (place,) = lab.ask(cup, 30_000).exemplars
+    assert place.since_s == lab.noon + 60
+    assert len(reads) < 20
+    reads.clear()
+    stays, left_out = stays_of(lab.kb.world, cup, lab.noon + 30_000, 5)
+    assert (len(stays), left_out, len(reads) < 40) == (5, 395, True)
+    assert {stay.arrived_after_s for stay in stays} == {lab.noon + 60}
+    assert lab.kb.world.index.moments(lab.noon + 90) == (
+        lab.noon, lab.noon + 60, lab.noon + 120,
+    )  # fmt: skip
