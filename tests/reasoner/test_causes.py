@@ -142,3 +142,18 @@ def test_quickxplain_asks_few_questions():
     found = quickxplain([], [(n, n, n) for n in range(1000)], has_both)
     assert found == [(3, 3, 3), (900, 900, 900)]
     assert len(asked) < 50
+
+
+def test_a_part_whose_rules_run_in_a_circle_shows_no_clash():
+    """Only the declaration that values are literals keeps owl:sameAs out of the circle."""
+    rule = LabelledRule(
+        "CONSTRUCT { ?o <urn:t:held> true } "
+        "WHERE { ?o <urn:t:won> true FILTER NOT EXISTS { ?o <urn:t:void> ?why } }",
+        "won and not void is held",
+    )
+    stored = triples(":held a owl:FunctionalProperty, owl:DatatypeProperty . :o :held false .")
+    staged = Closure.build(stored, [], [rule]).stage(add=triples(":o :won true ."))
+    assert staged.contradictions
+    (cause,) = staged.causes(LONG_MS)
+    assert cause.statements == tuple(triples(":o :won true ."))
+    assert set(cause.known) == set(stored)

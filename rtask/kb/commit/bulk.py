@@ -18,6 +18,7 @@ from pyoxigraph import Quad, RdfFormat, parse
 
 from rtask.errors import ForbiddenError, UsageError
 from rtask.kb.commit.access import Access
+from rtask.kb.commit.checks.testimony import require_own_testimony
 from rtask.kb.commit.commit import MAX_QUADS, Commit, Request
 from rtask.kb.commit.committer import PROOF_BUDGET, Committer
 from rtask.kb.commit.foreign.identity import MAX_MERGES, merge_refused, merges_of_others
@@ -33,6 +34,7 @@ from rtask.kb.store.apply import apply
 from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.overlay import Holders
 from rtask.kb.store.quads import InGraph, QuadChain
 from rtask.kb.store.union import union_change
 from rtask.kb.store.writes import Writes
@@ -167,6 +169,7 @@ def _add_quads(
         declared = committer.catalogue.declared()
         right = SchemaRight(access, committer.graphs, store, declared)
     names_agents = access.role in ("robot", "teacher") and not committer.plain
+    holders = Holders(store)
 
     def with_union() -> Iterator[Quad]:
         for quad in quads:
@@ -179,6 +182,7 @@ def _add_quads(
                     fresh.append(quad)
             if names_agents:
                 access.require_own_identity(quad, committer.graphs)
+                require_own_testimony((quad,), access, committer.graphs, holders)
             if name not in joined:
                 _refuse_rules(committer, name)
                 access.require_write(name, "load")

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from rtask.errors import MissingBlobError, TooLargeError
+from rtask.kb.commit.checks.testimony import require_own_testimony
 from rtask.kb.commit.commit import MAX_EMPTIED, Request
 from rtask.kb.durability.blobs import PREFIX, BlobStore, digest_of
 from rtask.kb.store.graphs import Graphs
@@ -37,6 +38,7 @@ def check_rights(
     if request.access.role in ("robot", "teacher") and not plain:
         for quad in change.added:
             request.access.require_own_identity(quad, graphs)
+        require_own_testimony(change.added, request.access, graphs, change.holders)
     removed, emptied = len(change.removed), 0
     if removed > request.max_quads:
         by_graph = Counter(quad.graph_name for quad in change.removed)

@@ -266,6 +266,48 @@ INSERT DATA {{ <urn:what> {predicate} {named} }}"""
             kb.update(text, access=Access("nao-2", "robot"))
 
 
+DESCRIBING = (
+    "<{outcome}> rt:disputed true",
+    "<{outcome}> a rt:GraspOutcome ; rt:disputed true",
+    "<{outcome}> rt:judgedSuccess false",
+    "<{outcome}> rt:success false",
+    "<{outcome}> rt:hasFeedback <urn:f>",
+    "<{attempt}> rt:hasOutcome <urn:o>",
+    "<urn:o> rt:outcomeOf <{attempt}>",
+    '<{attempt}> prov:endedAtTime "2030-01-01T00:00:00Z"^^xsd:dateTime',
+    '<{robot}> rt:name "liar"',
+    '<{robot}/right_hand> rt:gripperType "cup"',
+)
+TERMS = {name: ontology.PREFIXES[name] for name in ("rt", "prov", "xsd")}
+
+
+def test_no_graph_of_a_robot_changes_what_another_is_did_and_reported(engine, bench, robots):
+    one, kb = robots("nao-1"), engine.kb
+    stranger = Access(robots("nao-2").name, "robot")
+    seen = bench.sight(bench.BOX)
+    grasp = one.recognise(seen)["grasps"][0]
+    one.insert(seen, outcome=bench.held(), grasp=grasp, name="tea box")
+    (outcome,) = (quad.subject.value for quad in kb.match(None, RT.success))
+    (attempt,) = {quad.subject.value for quad in kb.match(None, RT.hasOutcome)}
+    own = {"outcome": outcome, "attempt": attempt, "robot": kb.graphs.agent_iri("nao-1").value}
+    before = kb.seq
+    for described in DESCRIBING:
+        statement = described.format(**own)
+        sparql = "".join(f"PREFIX {name}: <{iri}> " for name, iri in TERMS.items())
+        turtle = "".join(f"@prefix {name}: <{iri}> . " for name, iri in TERMS.items())
+        refusal = r"belongs to 'nao-2'.*is that of 'nao-1'"
+        with pytest.raises(ForbiddenError, match=refusal):
+            kb.update(f"{sparql} INSERT DATA {{ {statement} }}", access=stranger)
+        data = f"{turtle} {statement} .".encode()
+        with pytest.raises(ForbiddenError, match=refusal):
+            kb.load(data, format="turtle", graph=kb.graphs.agent("nao-2"), access=stranger)
+    assert kb.seq == before
+    mine = (
+        f"{sparql} INSERT DATA {{ <urn:o> a rt:GraspOutcome ; rt:success true ; rt:placed true }}"
+    )
+    assert kb.update(mine, access=stranger).added == 2
+
+
 def test_another_body_under_a_name_is_a_conflict_unless_it_takes_the_place(engine, robots):
     robot = robots("nao-1")
     hand_ = {"name": "right_hand", "gripper_type": "two_finger", "max_opening": 0.08,
