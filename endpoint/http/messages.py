@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
-from urllib.parse import unquote
+from urllib.parse import quote, unquote
 
 from rtask.errors import TRANSIENT_STATUSES, RtaskError
 
@@ -25,6 +25,7 @@ MAX_FIELDS = 2_000
 _REQUEST_ID = re.compile(r"[A-Za-z0-9_-]{8,64}")
 _RUN = secrets.token_hex(4)
 _NUMBERS = itertools.count(1)
+_PRINTABLE = "".join(map(chr, range(0x20, 0x7F)))
 
 JSON_TYPE = "application/json"
 CBOR_TYPE = "application/cbor"
@@ -282,6 +283,15 @@ class Response:
         if self.media_type:
             own.insert(0, ("Content-Type", self.media_type))
         return own
+
+
+def remark_header(remark: str | None) -> tuple[tuple[str, str], ...]:
+    """Return the header field of what the author of a change is told; none without a remark.
+
+    >>> remark_header("two\N{EM DASH}one")
+    (('RTASK-Remark', 'two%E2%80%94one'),)
+    """
+    return (("RTASK-Remark", quote(remark, safe=_PRINTABLE)),) if remark else ()
 
 
 def refuse_unknown(names: Iterable[str], allowed: Sequence[str]) -> None:

@@ -22,6 +22,7 @@ from endpoint.http.messages import (
     Request,
     Response,
     refuse_unknown,
+    remark_header,
     split_media_type,
 )
 from endpoint.http.plan import Plan, RunningQuery
@@ -202,8 +203,10 @@ class GraphStore:
                 tx.update(f"CREATE SILENT GRAPH <{graph.value}>")
             tx.add_quads(quads, graph if isinstance(graph, NamedNode) else None)
 
-        self._kb.commit_work(replace_contents, note, access=caller.access, if_version=version)
-        return Response(204 if existed else 201)
+        done = self._kb.commit_work(
+            replace_contents, note, access=caller.access, if_version=version
+        )
+        return Response(204 if existed else 201, headers=remark_header(done.remark))
 
     def _post(
         self, request: Request, caller: Caller, graph: GraphName | None, parts: list[Part]
@@ -223,8 +226,8 @@ class GraphStore:
                 tx.update(f"CREATE SILENT GRAPH <{graph.value}>")
             tx.add_quads(quads, graph if isinstance(graph, NamedNode) else None)
 
-        self._kb.commit_work(merge, note, access=caller.access, if_version=version)
-        return Response(204 if existed else 201, headers=headers)
+        done = self._kb.commit_work(merge, note, access=caller.access, if_version=version)
+        return Response(204 if existed else 201, headers=(*headers, *remark_header(done.remark)))
 
     @staticmethod
     def _read(request: Request, graph: GraphName | None, parts: list[Part]) -> list[Quad]:

@@ -8,12 +8,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from urllib.parse import quote
 
 from endpoint.access.auth import Caller
 from endpoint.http.compression import wants_gzip
 from endpoint.http.conditional import Versions, is_current
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, remark_header
 from endpoint.http.outbound_http import Outgoing
 from endpoint.http.plan import Plan, RunningQuery
 from endpoint.served import ServedGraph, embedded
@@ -47,7 +46,6 @@ from rtask.sparql.slow_shapes import SlowShapes
 from rtask.sparql.tokens import shape
 
 _CACHED_TEXT = 16_384
-_PRINTABLE = "".join(map(chr, range(0x20, 0x7F)))
 _LIST_GRAPHS = f"SELECT ?g WHERE {{ GRAPH ?g {{}} }} ORDER BY ?g LIMIT {MAX_NAMED_GRAPHS + 1}"
 
 
@@ -289,8 +287,7 @@ def plan_update(
         commit = _commit(target, update, caller, note, config)
         remark = commit.remark if commit else None
         if not wants_json:
-            headers = (("RTASK-Remark", quote(remark, safe=_PRINTABLE)),) if remark else ()
-            return Response(204, headers=headers)
+            return Response(204, headers=remark_header(remark))
         # Another server does not say what it changed.
         counts = {
             "seq": commit.seq if commit else target.seq,

@@ -9,7 +9,7 @@ from pyoxigraph import Quad
 
 from rtask.errors import UnsupportedError
 from rtask.kb.commit.access import Access
-from rtask.kb.commit.bulk import TripleText, bulk_add
+from rtask.kb.commit.bulk import BulkLoad, TripleText, bulk_add
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.commit.delta import UpdateDataset, prepare, run_update
 from rtask.kb.commit.transaction import Transaction
@@ -173,8 +173,8 @@ class Writing(Searching):
 
     def bulk_add(
         self, quads: Iterable[Quad] | TripleText, graph: GraphName, request: Request
-    ) -> int:
-        """Add more statements than a commit may hold; return how many were derived.
+    ) -> BulkLoad:
+        """Add more statements than a commit may hold.
 
         The statements are stored in one atomic step, followed by a commit of the statements
         derived from them.

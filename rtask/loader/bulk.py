@@ -14,6 +14,7 @@ from rtask.errors import ParseError
 from rtask.kb.commit.bulk import TripleText
 from rtask.kb.commit.commit import Request
 from rtask.kb.core import GraphCore
+from rtask.loader.report import Counts
 from rtask.rdf.bounds import MAX_LITERAL
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, explain
@@ -62,7 +63,7 @@ def load_text(
     *,
     base: str | None,
     replace: bool,
-) -> tuple[int, int, int, int]:
+) -> tuple[Counts, str | None]:
     """Let the store parse a document; the result is that of :func:`load_bulk`.
 
     Only statements that the graph did not already hold are counted as read.
@@ -71,19 +72,19 @@ def load_text(
     removed = _clear(kb, graph, request) if replace else 0
     before = kb.catalogue.triple_count(graph)
     try:
-        derived = kb.bulk_add(TripleText(document.open, form.rdf, base), graph, request)
+        derived, remark = kb.bulk_add(TripleText(document.open, form.rdf, base), graph, request)
     except (SyntaxError, UnicodeDecodeError) as error:
         raise explain(error, document, form) from error
     except ValueError as error:
         raise ParseError(f"{document.name}: {error}") from error
     added = kb.catalogue.triple_count(graph) - before
-    return (added, added, removed, derived)
+    return Counts(added, added, removed, derived), remark
 
 
 def load_bulk(
     kb: GraphCore, quads: Iterable[Quad], graph: GraphName, request: Request, *, replace: bool
-) -> tuple[int, int, int, int]:
-    """Load the statements of a large document; return how many were read, added, removed, derived.
+) -> tuple[Counts, str | None]:
+    """Load the statements of a large document; return the numbers, and a remark on identities.
 
     Parameters
     ----------
@@ -97,9 +98,9 @@ def load_bulk(
     removed = _clear(kb, graph, request) if replace else 0
     counted = _Counted(quads)
     before = kb.catalogue.triple_count(graph)
-    derived = kb.bulk_add(counted, graph, request)
+    derived, remark = kb.bulk_add(counted, graph, request)
     after = kb.catalogue.triple_count(graph)
-    return (counted.count, after - before, removed, derived)
+    return Counts(counted.count, after - before, removed, derived), remark
 
 
 def _clear(kb: GraphCore, graph: GraphName, request: Request) -> int:

@@ -26,7 +26,7 @@ from rtask.loader.catalogue import OntologyCatalogue, loadable_files
 from rtask.loader.headers import Header, Terms, header_of, peek, version_of
 from rtask.loader.patches import mend
 from rtask.loader.preparing import prepared
-from rtask.loader.report import FileReport, LoadReport
+from rtask.loader.report import Counts, FileReport, LoadReport
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, detect, find_format, statements
 from rtask.rdf.guards import undefined_json_terms
@@ -219,7 +219,7 @@ class _Loader:
         base = self.options.base or (document.path.resolve().as_uri() if document.path else None)
         if self._is_text(document, form):
             item = Item(document, Header(), self._target(document, Header()), True)
-            counts = load_text(
+            counts, remark = load_text(
                 self.kb,
                 document,
                 form,
@@ -228,6 +228,7 @@ class _Loader:
                 base=base,
                 replace=self.options.replace,
             )
+            self._tell(item, remark)
             self._report(item, form, counts, started)
             return
         quads = statements(document, form, base)
@@ -246,16 +247,14 @@ class _Loader:
         item = Item(document, header, self._target(document, header), loose)
         self._warn_of_merge(item, first)
         if self._is_unchanged(item):
-            counts = (len(first), 0, 0, 0)
+            counts = Counts(len(first), 0, 0, 0)
         elif rest is None:
             counts = self._commit(item, first)
         else:
             counts = self._stream(item, chain(first, [rest], quads))
         self._report(item, form, counts, started)
 
-    def _report(
-        self, item: Item, form: Format, counts: tuple[int, int, int, int], started: float
-    ) -> None:
+    def _report(self, item: Item, form: Format, counts: Counts, started: float) -> None:
         if form.rdf == RdfFormat.JSON_LD:
             self._warn_of_undefined_terms(item.document)
         elapsed = round(time.perf_counter() - started, 3)
@@ -348,7 +347,12 @@ class _Loader:
         source = self.kb.catalogue.source(item.header.iri)
         return source is not None and digest_of(source) == item.document.sha256()
 
-    def _commit(self, item: Item, quads: list[Quad]) -> tuple[int, int, int, int]:
+    def _tell(self, item: Item, remark: str | None) -> None:
+        """Pass on what the commit says of identities: a load has no answer but its report."""
+        if remark is not None:
+            self.report.warnings.append(f"{item.document.name}: {remark}")
+
+    def _commit(self, item: Item, quads: list[Quad]) -> Counts:
         transaction = self.kb.commit_block(self._request(item))
         try:
             with transaction as tx:
@@ -360,18 +364,21 @@ class _Loader:
                 if self.options.dry_run:
                     raise _DryRun
         except _DryRun:
-            return (len(quads), added, removed, 0)
+            return Counts(len(quads), added, removed, 0)
         self.report.warnings += map(str, transaction.commit.warnings)
-        return (len(quads), added, removed, transaction.commit.derived)
+        self._tell(item, transaction.commit.remark)
+        return Counts(len(quads), added, removed, transaction.commit.derived)
 
-    def _stream(self, item: Item, quads: Iterator[Quad]) -> tuple[int, int, int, int]:
+    def _stream(self, item: Item, quads: Iterator[Quad]) -> Counts:
         """Store more statements than a commit may hold."""
         if self.options.dry_run:
             read = sum(1 for _ in quads)
-            return (read, read, 0, 0)
+            return Counts(read, read, 0, 0)
         request, replace = self._request(item), self.options.replace
         named = self._prepared(quads, item)
-        return load_bulk(self.kb, named, item.graph, request, replace=replace)
+        counts, remark = load_bulk(self.kb, named, item.graph, request, replace=replace)
+        self._tell(item, remark)
+        return counts
 
     def _prepared(self, quads: Iterable[Quad], item: Item) -> Iterator[Quad]:
         keep_blank = self.kb.plain or item.header.iri is not None

@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
-__all__ = ["FileReport", "LoadReport"]
+__all__ = ["Counts", "FileReport", "LoadReport"]
+
+
+class Counts(NamedTuple):
+    """Numbers of statements that were read, added, removed and derived."""
+
+    read: int
+    added: int
+    removed: int
+    derived: int
 
 
 @dataclass(frozen=True)
@@ -46,7 +55,8 @@ class LoadReport:
         Properties and classes that neither the documents nor the knowledge base describe;
         reported by a dry run only.
     warnings
-        Violations reported by validation, and JSON-LD keys that no context defines.
+        Violations reported by validation, JSON-LD keys that no context defines, and things that
+        are one from now on, or share a key with somebody else's.
     """
 
     files: list[FileReport] = field(default_factory=list)

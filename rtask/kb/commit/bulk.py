@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 from pyoxigraph import Quad, RdfFormat, parse
 
@@ -21,7 +21,12 @@ from rtask.kb.commit.access import Access
 from rtask.kb.commit.checks.testimony import require_own_testimony
 from rtask.kb.commit.commit import MAX_QUADS, Commit, Request
 from rtask.kb.commit.committer import PROOF_BUDGET, Committer
-from rtask.kb.commit.foreign.identity import MAX_MERGES, merge_refused, merges_of_others
+from rtask.kb.commit.foreign.identity import (
+    MAX_MERGES,
+    merge_refused,
+    merge_remark,
+    merges_of_others,
+)
 from rtask.kb.commit.foreign.supports import leaves_of
 from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.quarantine import record
@@ -41,7 +46,7 @@ from rtask.kb.store.writes import Writes
 from rtask.rdf.bounds import refuse_long_literal
 from rtask.rdf.terms import DEFAULT, GraphName, NamedNode, iri
 
-__all__ = ["TripleText", "bulk_add", "complete", "finish_bulk"]
+__all__ = ["BulkLoad", "TripleText", "bulk_add", "complete", "finish_bulk"]
 
 _MARK = "loading.json"
 
@@ -61,6 +66,21 @@ class TripleText:
     base: str | None = None
 
 
+class BulkLoad(NamedTuple):
+    """Result of a bulk load.
+
+    Parameters
+    ----------
+    derived
+        How many statements the inferred graph gained.
+    remark
+        What the author is told of things that are one from now on; ``None`` if nothing.
+    """
+
+    derived: int
+    remark: str | None = None
+
+
 def bulk_add(
     writer: Writer,
     files: Files,
@@ -68,8 +88,8 @@ def bulk_add(
     data: Iterable[Quad] | TripleText,
     graph: GraphName,
     request: Request,
-) -> int:
-    """Add statements; return how many the inferred graph gained.
+) -> BulkLoad:
+    """Add statements and what follows from them.
 
     Parameters
     ----------
@@ -98,11 +118,12 @@ def bulk_add(
         else:
             touched = _add_quads(files, data, graph, request.access, committer, fresh)
         _checkpoint(files, committer.last_seq)
+    remark = None
     if not files.settings.plain:
         named = frozenset(g for g in touched if isinstance(g, NamedNode))
         try:
             recounted = replace(request, trusted=True, recount=named)
-            finish_bulk(writer, inference, recounted, fresh)
+            remark = finish_bulk(writer, inference, recounted, fresh).remark
         except ForbiddenError:
             _unmark(files)
             raise
@@ -112,7 +133,7 @@ def bulk_add(
         if save is not None:
             save()
     _unmark(files)
-    return committer.catalogue.triple_count(inferred) - before
+    return BulkLoad(committer.catalogue.triple_count(inferred) - before, remark)
 
 
 def _add_text(
@@ -223,13 +244,14 @@ def finish_bulk(
     ForbiddenError
         It follows that individuals of others are the same.
     """
-    overlay = writer.begin()
+    overlay, remark = writer.begin(), None
     try:
         overlay.add_all(records)
         if inference is not None:
             missing, surplus = inference.difference()
             if fresh:
                 _require_identity(writer.committer, inference, missing, request.access, fresh)
+            remark = merge_remark(missing, overlay.store, writer.committer.graphs)
             overlay.removed.update(dict.fromkeys(surplus))
             if len(missing) <= MAX_QUADS:
                 overlay.added.update(dict.fromkeys(missing))
@@ -239,7 +261,7 @@ def finish_bulk(
     except BaseException:
         writer.cancel()
         raise
-    return writer.finish(overlay, request)
+    return replace(writer.finish(overlay, request), remark=remark)
 
 
 def _require_identity(

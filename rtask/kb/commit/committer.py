@@ -166,12 +166,11 @@ class Committer:
         """Return what the author is told of others' statements; ``None`` if nothing."""
         if names.moved:
             return names.remark()
-        if len(change.added) <= MAX_LATE:
-            with self.late.quiet() if self.late is not None else nullcontext():
-                keys = self.catalogue.keys()
-                remark = identity.remark(change, derived.added, keys, self.store, self.graphs)
-            if remark is not None:
-                return remark
+        with self.late.quiet() if self.late is not None else nullcontext():
+            keys = self.catalogue.keys()
+            remark = identity.remark(change, derived.added, keys, self.store, self.graphs)
+        if remark is not None:
+            return remark
         return names.notice() if self.catalogue.triple_count(self.graphs.quarantine) else None
 
     def _settle(

@@ -67,3 +67,20 @@ def test_an_update_that_misses_statements_of_other_graphs_says_so(served: Applic
     assert "GRAPH ?g" in json.loads(counted.body)["remark"]
     effective = ask(served, {}, update="DELETE WHERE { GRAPH ?g { ?s <urn:q> ?o } }")
     assert "RTASK-Remark" not in dict(effective.headers)
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT"])
+def test_a_document_that_makes_two_things_one_says_so(method: str) -> None:
+    headers = {"content-type": "text/turtle", "host": "localhost"}
+    document = b"<urn:a> <urn:key> 1 . <urn:b> <urn:key> 1 ."
+    with (
+        rtask.open(":memory:", ontologies=False) as kb,
+        closing(TokenStore(None)) as tokens,
+        closing(new_application(kb, NoEngine(), tokens, Config())) as application,
+    ):
+        inverse = "<http://www.w3.org/2002/07/owl#InverseFunctionalProperty>"
+        kb.update(f"INSERT DATA {{ GRAPH <urn:o> {{ <urn:key> a {inverse} }} }}")
+        request = Request(method, "/store", "graph=urn:g", headers, document)
+        answer = application.handle(request)
+    assert answer.status == 201
+    assert "are one thing from now on, as both have" in dict(answer.headers)["RTASK-Remark"]

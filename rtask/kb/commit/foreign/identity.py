@@ -28,6 +28,7 @@ from rtask.rdf.terms import Term, TripleKey
 __all__ = [
     "MAX_MERGES",
     "merge_refused",
+    "merge_remark",
     "merges_of_others",
     "new_merges",
     "remark",
@@ -106,14 +107,35 @@ def remark(
     contested = keys.remark(change.added, store, graphs)
     if contested is not None or any(quad.predicate == _SAME_AS for quad in change.added):
         return contested  # whoever states an identity knows of it
+    return merge_remark(derived, store, graphs, change.added)
+
+
+def merge_remark(
+    derived: InGraph, store: GraphStore, graphs: Graphs, added: Collection[Quad] | None = None
+) -> str | None:
+    """Return what an author is told of things that are one from now on; ``None`` if none are.
+
+    Parameters
+    ----------
+    derived
+        What newly follows.
+    added
+        The statements from which it follows; by default they are looked up.
+    """
     merges = [triple for triple in derived.having(_SAME_AS) if triple[0] != triple[2]]
     if not merges:
         return None
-    first, other, quad, has = _behind(merges, change.added, store, graphs.is_input)
+    if added is None:
+        subject = merges[0][0]
+        held = store.quads_for_pattern(subject, None, None, None)  # type: ignore[arg-type]
+        added = [quad for quad in held if graphs.is_input(quad.graph_name)]
+    first, other, quad, has = _behind(merges, added, store, graphs.is_input)
     why = f", as both have {quad.predicate} {quad.object}" if quad is not None and has else ""
+    more = len({frozenset((a, b)) for a, _, b in merges}) - 1
     return (
         f"{first} and {other} are one thing from now on{why}: what is stated of one holds for both."
-        " If they are two, withdraw what makes them one"
+        + (f" So are {more} more pairs." if more else "")
+        + " If they are two, withdraw what makes them one"
     )
 
 

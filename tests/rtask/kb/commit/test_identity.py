@@ -172,7 +172,7 @@ def test_a_bulk_load_that_does_so_is_withdrawn(tmp_path: Path) -> None:
         with pytest.raises(ForbiddenError, match="has that as well"):
             kb.bulk_add(load, home, request)
         assert set(kb.match(None, None, None, None)) == before
-        assert kb.bulk_add(load[:2], home, request) > 0
+        assert kb.bulk_add(load[:2], home, request).derived > 0
     with rtask.open(tmp_path / "kb") as kb:
         assert not kb.query(f"{PREFIXES}ASK {{ <urn:q> rt:serialNumber ?any }}")
         assert kb.query(f"{PREFIXES}ASK {{ <urn:q> a cora:Robot }}")
@@ -231,3 +231,26 @@ def test_whoever_makes_two_things_one_is_told() -> None:
         assert remark("<urn:d> owl:sameAs <urn:a>") is None  # that is what was stated
         own = "my:r a cora:Robot ; rt:serialNumber 'S4' . my:r2 a cora:Robot ; rt:serialNumber 'S4'"
         assert "are one thing from now on, as both have" in (remark(own, "nao-1") or "")
+
+
+_CUPS = "".join(f'<urn:c{i}> <{RT}objectId> "lab/{i}" .\n' for i in range(600)).encode()
+_TWICE = f'<urn:d1> <{RT}objectId> "lab/1" .\n<urn:d2> <{RT}objectId> "lab/2" .\n'.encode()
+
+
+@pytest.mark.parametrize("others", [_CUPS[:400].rpartition(b"\n")[0] + b"\n", _CUPS])
+def test_a_load_tells_which_of_its_things_are_one(others: bytes) -> None:
+    with rtask.open(":memory:", base=BASE) as kb:
+        report = kb.load(_TWICE + others, format="nt")
+        [told] = report.warnings
+        assert f'one thing from now on, as both have <{RT}objectId> "lab/' in told
+        assert "So are 1 more pairs" in told
+        assert kb.load(b'<urn:f> <urn:p> "1" .', format="nt").warnings == []
+
+
+def test_a_bulk_load_tells_which_things_are_one(
+    kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rtask.loader.load.MAX_QUADS", 1)
+    said = f'<urn:bulk1> <{RT}objectId> "bulk/1" .\n<urn:bulk2> <{RT}objectId> "bulk/1" .\n'
+    [told] = kb.load(said.encode(), format="nt").warnings
+    assert f'one thing from now on, as both have <{RT}objectId> "bulk/1"' in told
