@@ -14,7 +14,6 @@ import itertools
 import json
 import os
 import threading
-import time
 import zlib
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -44,11 +43,9 @@ __all__ = [
 Piece = bytes | memoryview
 SEGMENT_BYTES = 64 << 20
 _RETAINED_BYTES = 1 << 30
+"""Size alone decides what goes: after a clock was set ahead, the newest segments would look old."""
 _BLOCK = 10_000
 """Number of statements that are turned into text at a time."""
-_RETENTION_S = 30 * 86_400
-_AGELESS_BYTES = 256 << 20
-"""So much is never deleted for its age alone: the clock may have been set ahead."""
 
 
 @dataclass(frozen=True)
@@ -382,17 +379,11 @@ class JournalFile:
                     os.fsync(file.fileno())
 
     def prune(self, checkpoint: int) -> None:
-        """Delete segments beyond 1 GiB, and those older than 30 days beyond 256 MiB.
-
-        All since the last checkpoint stay.
-        """
+        """Delete the oldest segments beyond 1 GiB; all since the last checkpoint stay."""
         segments = self.segments()
         total = sum(path.stat().st_size for path in segments)
         for path, following in itertools.pairwise(segments):
-            is_old = time.time() - path.stat().st_mtime > _RETENTION_S
-            if total <= (_AGELESS_BYTES if is_old else _RETAINED_BYTES):
-                return
-            if int(following.stem) > checkpoint:
+            if total <= _RETAINED_BYTES or int(following.stem) > checkpoint:
                 return
             total -= path.stat().st_size
             path.unlink()

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import datetime as dt
 import json
+import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,14 +18,16 @@ from rtask.errors import (
     RtaskError,
     StoreError,
     StoreFormatError,
+    StoreLockedError,
     UnsupportedError,
     UsageError,
 )
 from rtask.kb.commit.writer import Writer
-from rtask.kb.durability.blobs import BlobStore, copy_blob
+from rtask.kb.durability.blobs import BlobStore, copy_blob, sync_folder
 from rtask.kb.durability.disk_space import full_disk, means_full
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.journal import JournalFile
+from rtask.kb.durability.lock import FolderLock
 from rtask.kb.durability.recovery import Checkpoint, Checkpoints, boot_id
 from rtask.kb.durability.seal import seal
 from rtask.kb.durability.settings import Settings, write_durably
@@ -37,7 +42,9 @@ _FILE = "backup.json"
 def backup(files: Files, writer: Writer, target: Path, blobs: bool = True) -> dict[str, Any]:
     """Copy an open knowledge base; writers wait briefly, readers are not affected.
 
-    The copy is opened and its statements counted before it is marked as complete.
+    The copy is opened and its statements counted before it gets its name: until then it is beside
+    it, with ``.partial`` at the end, where the next backup of that name replaces what a killed one
+    left.
 
     Parameters
     ----------
@@ -53,7 +60,7 @@ def backup(files: Files, writer: Writer, target: Path, blobs: bool = True) -> di
     UnsupportedError
         For a store in memory; dump it instead.
     UsageError
-        If the target exists.
+        If the target exists, or another process makes a backup of that name.
     """
     if files.folder is None or files.checkpoints is None:
         raise UnsupportedError(
@@ -62,14 +69,67 @@ def backup(files: Files, writer: Writer, target: Path, blobs: bool = True) -> di
     if target.exists():
         raise UsageError(f"{target} exists{_what_it_is(target)}; name a new folder")
     try:
-        return _copy(files, writer, files.folder if blobs else None, files.checkpoints, target)
+        with _named_once_whole(target) as partial:
+            folder = files.folder if blobs else None
+            return _copy(files, writer, folder, files.checkpoints, partial)
     except (OSError, RuntimeError, RtaskError) as error:
         if means_full(error):
-            shutil.rmtree(target, ignore_errors=True)
             raise full_disk(
                 target, "for the backup, of which nothing is left; name a folder on another disk"
             ) from error
         raise
+
+
+@contextmanager
+def _named_once_whole(target: Path) -> Iterator[Path]:
+    """Make a folder that gets its name when the block ends, and nothing where it fails.
+
+    A lock tells the folder of a running backup from what a killed one left.
+    """
+    partial = target.with_name(f"{target.name}.partial")
+    partial.mkdir(parents=True, exist_ok=True)
+    try:
+        lock = FolderLock(partial)
+    except StoreLockedError as error:
+        raise UsageError(
+            f"another process makes the backup {target}; name another folder"
+        ) from error
+    try:
+        _empty(partial)
+        yield partial
+        _sync_tree(partial)
+        try:
+            partial.rename(target)
+        except OSError as error:
+            if target.exists():
+                raise UsageError(f"{target} was made meanwhile; name a new folder") from error
+            raise
+        sync_folder(target.parent)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+    finally:
+        lock.release()
+
+
+def _empty(folder: Path) -> None:
+    for path in folder.iterdir():
+        if path.is_dir():
+            shutil.rmtree(path)
+        elif path.name != "lock":
+            path.unlink()
+
+
+def _sync_tree(folder: Path) -> None:
+    """Force a copy to the disk: a power cut must not leave a whole name with torn files."""
+    for place, _, names in os.walk(folder):
+        for name in names:
+            handle = os.open(Path(place, name), os.O_RDONLY | os.O_CLOEXEC)
+            try:
+                os.fsync(handle)
+            finally:
+                os.close(handle)
+        sync_folder(Path(place))
 
 
 def _what_it_is(target: Path) -> str:
@@ -83,7 +143,6 @@ def _what_it_is(target: Path) -> str:
 def _copy(
     files: Files, writer: Writer, folder: Path | None, checkpoints: Checkpoints, target: Path
 ) -> dict[str, Any]:
-    target.mkdir(parents=True)
     with writer.exclusive():
         seq = writer.committer.last_seq
         checkpoints.reserve.spend_on(lambda: checkpoints.make(seq))

@@ -16,6 +16,7 @@ import pytest
 
 import rtask
 from rtask.errors import StoreFormatError, UnsupportedError, UsageError
+from rtask.kb.durability.lock import FolderLock
 from rtask.kb.durability.settings import Settings
 from rtask.kb.maintenance import backup as backup_module
 from rtask.kb.maintenance.backup import restore
@@ -125,32 +126,44 @@ def test_an_interrupted_backup_is_named_so(tmp_path: Path) -> None:
             kb.backup(tmp_path / "copy")
 
 
-@pytest.mark.parametrize("moment", ["_copy_journal", "copy_blob", "seal", "_count"])
-def test_a_backup_that_is_killed_is_not_restored_and_holds_all_once_it_opens(
+def _kill(*_: object) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.parametrize(
+    "moment", ["_copy_journal", "copy_blob", "seal", "_count", "write_durably", "_sync_tree"]
+)
+def test_nothing_of_a_killed_backup_stands_under_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
 ) -> None:
-    def kill(*_: object) -> None:
-        raise KeyboardInterrupt  # nothing is cleaned up after it, as after a kill
-
-    with _filled(tmp_path / "kb") as kb:
-        monkeypatch.setattr(backup_module, moment, kill)
-        with pytest.raises(KeyboardInterrupt):
-            kb.backup(tmp_path / "copy")
-        monkeypatch.undo()
-        with pytest.raises(UsageError, match="was interrupted"):
-            kb.backup(tmp_path / "copy")
-        assert kb.update("INSERT DATA { <urn:later> <urn:p> 1 }").seq == 2
-    with pytest.raises(StoreFormatError, match="not a complete backup"):
+    _filled(tmp_path / "kb").close()
+    with monkeypatch.context() as patched:
+        patched.setattr(backup_module, moment, _kill)
+        assert _killed(lambda: _open(tmp_path / "kb").backup(tmp_path / "copy"))
+    assert [path.name for path in tmp_path.glob("copy*")] == ["copy.partial"]
+    with pytest.raises(StoreFormatError):
         restore(tmp_path / "copy", tmp_path / "again")
-    if moment in ("_copy_journal", "copy_blob"):
-        with pytest.raises(StoreFormatError, match="not a knowledge base"):
-            _open(tmp_path / "copy")
-        return
-    with _open(tmp_path / "copy") as kb:
-        assert kb.seq == 1
+    (tmp_path / "copy.partial" / "rest").write_text("of the killed one")
+    with _open(tmp_path / "kb") as kb:
+        kb.backup(tmp_path / "copy")
+    assert [path.name for path in tmp_path.glob("copy*")] == ["copy"]
+    assert not (tmp_path / "copy" / "rest").exists()
+    restore(tmp_path / "copy", tmp_path / "again")
+    with _open(tmp_path / "again") as kb:
         [quad] = kb.match("urn:view")
         assert kb.blobs.read(quad.object) == b"pixels"  # type: ignore[arg-type]
         assert kb.verify() == []
+
+
+def test_two_backups_of_one_name_at_a_time_are_refused(tmp_path: Path) -> None:
+    with _filled(tmp_path / "kb") as kb:
+        (tmp_path / "copy.partial").mkdir()
+        other = FolderLock(tmp_path / "copy.partial")
+        with pytest.raises(UsageError, match="another process makes the backup"):
+            kb.backup(tmp_path / "copy")
+        other.release()
+        kb.backup(tmp_path / "copy")
+        assert not (tmp_path / "copy.partial").exists()
 
 
 @pytest.mark.parametrize("copied", [1, 6, None], ids=["one", "six", "all but the settings"])
@@ -253,8 +266,11 @@ def test_what_is_derived_is_repaired_from_the_graph(tmp_path: Path) -> None:
         assert all("commitNumber" in line or "tripleCount" in line for line in missing)
 
 
-def _killed(work: Callable[[], object], step: int) -> bool:
-    """Run work in a child that is killed at its n-th step in the file system; False once whole."""
+def _killed(work: Callable[[], object], step: int = -1) -> bool:
+    """Run work in a child that is killed, at its n-th step in the file system if one is given.
+
+    False once it is whole.
+    """
     child = os.fork()
     if child:
         return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
@@ -284,13 +300,10 @@ def test_backups_and_restores_killed_at_any_step_are_whole_or_refused(tmp_path: 
 
     step = 1
     while _killed(lambda: _open(original).backup(copy), step):
-        if (copy / "backup.json").exists():
+        if copy.exists():
             assert restore(copy, again)["seq"] == 1
             shutil.rmtree(again)
-        else:
-            with pytest.raises(StoreFormatError, match="not a complete backup"):
-                restore(copy, again)
-        shutil.rmtree(copy, ignore_errors=True)
+            shutil.rmtree(copy)
         step += 1
     assert step > 15
     step = 1
