@@ -14,6 +14,7 @@ KNOWN = {
     "docs/images/theses/*.png": "figures of the theses' studies, by `rtask thesis all --markdown`",
     "docs/images/*.webp": "films of README, by commands that docs name",
     "grasp/spatial/hand_search/models/*.npz": "filters of pairs, fitted on generated objects",
+    "tests/rtask/kb/durability/first_folders.tar.xz": "folders that the first version wrote",
     "simulate/demo/recorded.tar.xz": "the recorded demo, by `rtask demo --record`",
 }
 MAX_BYTES = 4 << 20
