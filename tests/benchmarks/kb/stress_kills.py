@@ -24,7 +24,6 @@ from collections import Counter
 from pathlib import Path
 
 import rtask
-from rtask.errors import StoreFormatError
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.maintenance.backup import restore
 from rtask.knowledge_base import KnowledgeBase
@@ -127,16 +126,15 @@ def check_loads(kb: KnowledgeBase, acks: set[int]) -> int:
 
 
 def check_backups(folder: Path) -> int:
-    """Check that each backup is complete or is refused; return how many are complete."""
+    """Check that each backup that has its name is complete; return how many there are."""
     said = acknowledged(folder)["backup"]
     complete = 0
     for source in sorted(folder.parent.glob("backup-*")):
+        if source.suffix == ".partial":
+            continue
         target = source.with_name("restored-" + source.name)
         seq = int(source.name.rpartition("-")[2])
-        try:
-            restore(source, target)
-        except StoreFormatError:
-            continue
+        restore(source, target)
         examine(target)
         complete += 1
         said.discard(seq)
