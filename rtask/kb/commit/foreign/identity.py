@@ -127,7 +127,7 @@ def merge_remark(
         return None
     if added is None:
         subject = merges[0][0]
-        held = store.quads_for_pattern(subject, None, None, None)  # type: ignore[arg-type]
+        held = store.quads_for_pattern(subject, None, None, None)
         added = [quad for quad in held if graphs.is_input(quad.graph_name)]
     first, other, quad, has = _behind(merges, added, store, graphs.is_input)
     why = f", as both have {quad.predicate} {quad.object}" if quad is not None and has else ""
