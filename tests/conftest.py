@@ -16,6 +16,7 @@ from pathlib import Path
 import httpx
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 
 from tests import prewarmed
 
@@ -99,12 +100,17 @@ def _draw_the_same_everywhere() -> None:
 
     Otherwise it does so only where it recognises a service for continuous integration; elsewhere a
     busy processor fails what takes more than .2 s, and other examples are drawn each time.
+
+    Nor does it draw from the numbers and strings of our own source, as it does by itself: to read
+    them takes a quarter of the time of collecting in each process, and what a test draws would
+    change with any number in any module that happens to be imported.
     """
     settings.register_profile(
         "tests", deadline=None, derandomize=True, database=None,
         suppress_health_check=[HealthCheck.too_slow],
     )  # fmt: skip
     settings.load_profile("tests")
+    providers._get_local_constants = lambda: providers._local_constants
 
 
 def _gather_temporary_files(config: pytest.Config) -> None:
