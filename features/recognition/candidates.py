@@ -209,6 +209,8 @@ class _Search:
             if len(stored.descriptors) == 0 or len(self.features) == 0:
                 continue
             row, nearest = nearest_rows(self.features.descriptors, stored.descriptors)
+            # The ratio rule asks for the nearest of another product. Where the index already gave
+            # this product the vote that is its rival, elsewhere the nearest itself.
             is_own = (matches.view >= 0) & (labels[matches.view] == labels[view])
             rows = np.flatnonzero(
                 self._is_good(nearest, np.where(is_own, matches.rival, matches.nearest))
@@ -292,6 +294,8 @@ class _Search:
             )
             if rigid is None:
                 return None
+            # Matches without depth keep what the image said of them; those with depth are judged
+            # anew, in space.
             agreed = agreed & ~solid
             agreed[chosen[rigid.inliers]] = True
             movement = rigid.query_from_view

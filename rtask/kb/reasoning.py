@@ -96,6 +96,7 @@ class Reasoning(Writing):
             A text stands where a term is needed.
         """
         triple = (_subject(subject), _predicate(predicate), _value(value))
+        # The closure changes in place with each commit; half of one would be no proof of anything.
         with self._writer.exclusive():
             return self._reasoner().explain(triple, budget)
 
@@ -270,6 +271,8 @@ class Reasoning(Writing):
         """
         if what not in ("inferred", "all"):
             raise UsageError(f"cannot rebuild {what!r}; one of inferred, all")
+        # The saved closure goes first: killed from here on, the next opening derives all again
+        # instead of trusting what was to be replaced.
         self._reasoner().discard_saved()
         request = Request(self.access(), note="rebuild inferred", trusted=True)
         try:

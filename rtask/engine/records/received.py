@@ -135,6 +135,7 @@ class Received:
 
     def completed(self, decision: Decision | None) -> Received:
         """Return the grasp completed from the decision in which it was offered."""
+        # What the robot says goes first: it may have corrected the offer while it moved.
         offer = decision.offers.get(self.id) if decision is not None else None
         if offer is None:
             return self
@@ -211,6 +212,8 @@ def received(value: str | Mapping[str, Any], path: str) -> Received:
     given = read(_Numbers, {k: value.get(k) for k in _Numbers.model_fields}, path + ".")
     width, opening, quality = given.width, given.opening, given.grasp_quality
     in_frame, in_space = _planar(given), _pose_in_space(value, path)
+    # A grasp in space may carry planar numbers beside its pose: together they would state two
+    # poses, and only the second says how the hand is turned.
     if in_space is not None:
         in_frame = None
     elif in_frame is None and "grasp_pose" in value and "pre_grasp_posture" not in value:

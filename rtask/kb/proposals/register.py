@@ -236,6 +236,8 @@ class Proposals:
         self, number: int, state: State, by: str, remark: str, commit: int | None
     ) -> Proposal:
         self.require_open(number)
+        # The look above is for the message only: another process may decide in between, so what
+        # counts is the condition of the update itself.
         with self._database() as database:
             changed = database.execute(
                 "UPDATE proposals SET state = ?, decided = ?, decided_by = ?, remark = ?, seq = ? "
@@ -251,6 +253,7 @@ class Proposals:
         if self._path is not None and not self._path.exists():
             return []
         with self._database() as database:
+            # Nobody watches the clock while nothing is asked; whoever reads ends what is too old.
             self._expire(database)
             rows = database.execute(
                 "SELECT number, author, added, removed, rests_on, reason, state, made, decided, "
@@ -288,6 +291,8 @@ class Proposals:
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
         if self._path is not None:
+            # A new connection each time: commands of other processes, and threads that come and
+            # go, use the file as well, and it is opened a few times a day.
             database = sqlite3.connect(self._path, timeout=10)
         else:
             database = self._memory or sqlite3.connect(":memory:", check_same_thread=False)
