@@ -12,11 +12,11 @@ WORKERS ?= 4
 IN_PARALLEL := -n $(WORKERS) --dist loadscope --no-loadscope-reorder
 # Compiled modules are kept even where the environment says otherwise: each of the some hundred
 # processes that tests start would compile what it imports, a third of its time.
-test test-quick test-deep check: export PYTHONDONTWRITEBYTECODE :=
+test test-quick test-deep test-night check: export PYTHONDONTWRITEBYTECODE :=
 # What programs write and how files are read does not hang on the locale of whoever runs the tests.
-test test-quick test-deep check: export LC_ALL := C.UTF-8
+test test-quick test-deep test-night check: export LC_ALL := C.UTF-8
 
-.PHONY: help setup system pages demo test test-quick test-deep check conformance bench site dist clean
+.PHONY: help setup system pages demo test test-quick test-deep test-night check conformance bench site dist clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -71,7 +71,10 @@ test-quick: $(READY)  ## run the tests that are not slow; ARGS as above
 	@$(BIN)/python -m pytest -q $(IN_PARALLEL) -p no:schemathesis -m "not slow and not deep and not browser" $(ARGS)
 
 test-deep: $(READY)  ## run the tests of large sizes and many draws, which `make test` leaves out
-	@$(BIN)/python -m pytest $(IN_PARALLEL) -m deep tests $(ARGS)
+	@$(BIN)/python -m pytest $(IN_PARALLEL) -m "deep and not night" tests $(ARGS)
+
+test-night: $(READY)  ## run whole studies, which `make test-deep` leaves out: an hour
+	@$(BIN)/python -m pytest $(IN_PARALLEL) -m night tests $(ARGS)
 
 check: $(READY)  ## lint, types, import layers, docs
 	@$(BIN)/ruff check .

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import pytest
+
 from simulate.thesis import registry
 from simulate.thesis.result import Setting
 
 __all__ = ["fast_run_gives_what_it_promises", "runs_of"]
 
 
-def runs_of(thesis: str) -> list[str]:
-    """Return the names of the runs of a thesis, or of what neither thesis has."""
-    return sorted({entry.run for entry in registry.ENTRIES if entry.run and entry.thesis == thesis})
+_DEEP = 4
+"""One run of so many is a deep test; the others have the night."""
+
+
+def runs_of(thesis: str) -> list[object]:
+    """Return the names of the runs of a thesis, or of what neither thesis has, with their marks."""
+    runs = {entry.run for entry in registry.ENTRIES if entry.run and entry.thesis == thesis}
+    return [
+        pytest.param(run, marks=() if number % _DEEP == 0 else pytest.mark.night)
+        for number, run in enumerate(sorted(runs))
+    ]
 
 
 def fast_run_gives_what_it_promises(run: str) -> None:
