@@ -71,10 +71,10 @@ test-quick: $(READY)  ## run the tests that are not slow; ARGS as above
 	@$(BIN)/python -m pytest -q $(IN_PARALLEL) -p no:schemathesis -m "not slow and not deep and not browser" $(ARGS)
 
 test-deep: $(READY)  ## run the tests of large sizes and many draws, which `make test` leaves out
-	@$(BIN)/python -m pytest $(IN_PARALLEL) -m "deep and not night" tests $(ARGS)
+	@$(BIN)/python -m pytest $(IN_PARALLEL) --timeout 900 -m "deep and not night" tests $(ARGS)
 
 test-night: $(READY)  ## run whole studies, which `make test-deep` leaves out: an hour
-	@$(BIN)/python -m pytest $(IN_PARALLEL) -m night tests $(ARGS)
+	@$(BIN)/python -m pytest $(IN_PARALLEL) --timeout 900 -m night tests $(ARGS)
 
 check: $(READY)  ## lint, types, import layers, docs
 	@$(BIN)/ruff check .

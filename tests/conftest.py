@@ -21,7 +21,7 @@ from hypothesis.internal.conjecture import providers
 from tests import prewarmed
 
 _MAX_CPU_S = 5.0
-_SLOW_S, _QUICK_S = 2.0, 0.02
+_DEEP_S, _SLOW_S, _QUICK_S = 10.0, 2.0, 0.02
 _GC_THRESHOLDS = (20_000, 50, 1_000)
 _PATIENCE_S = 60.0
 _ROOT = Path(__file__).resolve().parent.parent
@@ -65,13 +65,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _estimated_s(piece: list[pytest.Item]) -> float:
-    """Estimate how many seconds the tests of a module take, from what is marked as slow."""
+    """Estimate how many seconds the tests of a module take, from how they are marked."""
+    deep = sum(1 for item in piece if item.get_closest_marker("deep"))
     slow = {
         getattr(item, "originalname", item.name)
         for item in piece
         if item.get_closest_marker("slow")
     }
-    return _SLOW_S * len(slow) + _QUICK_S * len(piece)
+    return _DEEP_S * deep + _SLOW_S * len(slow) + _QUICK_S * len(piece)
 
 
 def pytest_configure(config: pytest.Config) -> None:

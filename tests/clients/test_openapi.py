@@ -212,7 +212,7 @@ def test_schemathesis_finds_no_server_error_and_no_undescribed_answer(
             @bounded
             @given(case=operation.as_strategy(generation_mode=mode))
             def attack(case: Any) -> None:
-                response = case.call(timeout=60)
+                response = case.call(timeout=240)
                 statuses.append(response.status_code)
                 case.validate_response(response, checks=wanted)
 

@@ -90,6 +90,7 @@ def test_no_file_beside_the_report_is_given_away(stage: Stage, tmp_path: Path) -
 
 
 @pytest.mark.deep
+@pytest.mark.night
 @pytest.mark.timeout(900)
 def test_a_proof_runs_with_the_end_that_was_picked_in_a_browser(page: Any, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "rtask", "demo", "--proof", "--page", "--json"]

@@ -272,6 +272,7 @@ def _without_times(result: dict[str, Any]) -> Any:
 
 
 @pytest.mark.deep
+@pytest.mark.night
 def test_the_same_seed_gives_the_same_table(finished: Any, tmp_path: Path) -> None:
     _, first = finished
     done = _run("--seed", "3", "--json", "--data", str(tmp_path / "again"))

@@ -138,7 +138,7 @@ def test_options_of_others_are_refused() -> None:
 @pytest.mark.deep
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("weak", ["left", "right"])
+@pytest.mark.parametrize("weak", ["left", pytest.param("right", marks=pytest.mark.night)])
 def test_a_proof_shows_its_points_with_either_end_weak(tmp_path: Path, weak: str) -> None:
     arguments = ("demo", "--proof", "--weak", weak, "--data", str(tmp_path / "proof"), "--json")
     done = run_command(*arguments, timeout=800)

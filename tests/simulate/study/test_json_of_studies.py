@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 def _told(*words: str) -> Any:
     """Run a study and return what it prints as JSON, and nothing else."""
-    done = run_command("study", *words, "--json", timeout=280)
+    done = run_command("study", *words, "--json", timeout=800)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
