@@ -246,15 +246,18 @@ def graph_against_geometry(first: Option, alone: Option) -> str:
     if remembered is not None and remembered.attempts:
         evidence = f"held {remembered.successes} of {remembered.attempts}"
     else:
-        evidence = f"{won:.1f} held, {lost:.1f} lost around it"
+        # Outcomes beside a grasp count for a part each, so that these are no whole numbers.
+        beside = f"{won:.1f} held, {lost:.1f} lost around it"
+        evidence = beside if won + lost >= MIN_EVIDENCE else "nothing yet about this grasp"
     (x, y, z, theta), (u, v, w, phi) = first.in_object, alone.in_object
     away = math.dist((x, y, z), (u, v, w))
     turned = abs((theta - phi + math.pi / 2) % math.pi - math.pi / 2)
     if first.id == alone.id or (away < _SAME_M and turned < _SAME_RAD):
         return f"graph: {evidence}; alone: the same grasp, quality {alone.quality:.2f}"
+    turn = f", turned by {math.degrees(turned):.0f} degrees" if turned > _SAME_RAD else ""
     return (
-        f"graph: {evidence}; alone: {1000 * away:.0f} mm from there, turned by "
-        f"{math.degrees(turned):.0f} degrees, quality {alone.quality:.2f}"
+        f"graph: {evidence}; alone: {1000 * away:.0f} mm from there{turn}, "
+        f"quality {alone.quality:.2f}"
         + (f"; not there, because {_cause_words(alone.cause)}" if alone.cause else "")
     )
 

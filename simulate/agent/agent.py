@@ -189,7 +189,7 @@ class Agent:
             todo = [track for track in tracks if not track.finished]
             if not todo:
                 return False
-            crowded = touching(view.objects) if is_patient and self.body.takes_poses else []
+            crowded = touching(view.objects) if is_patient else []
             in_crowd = [t for t in todo if any(t.seen is seen for seen in crowded)]
             if in_crowd and all(t.waiting for t in todo):
                 return True
@@ -343,6 +343,7 @@ class Agent:
         return bool(reason)
 
     def _encounter(self, track: TrackedObject, side: str) -> Encounter:
+        track.meet()
         if track.number not in self.encounters:
             self.encounters[track.number] = Encounter.at(track.number, side, track.seen.shape)
         return self.encounters[track.number]

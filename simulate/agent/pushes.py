@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Protocol
 
+import numpy as np
+
 from features.geometry import FloatArray
 from features.perception import Perceived
 from simulate.agent.crowd import touching
@@ -19,9 +21,6 @@ FAILURES_BEFORE = 3
 
 class Pusher(Protocol):
     """The part of a body that pushes; see :class:`simulate.agent.agent.Body`."""
-
-    @property
-    def takes_poses(self) -> bool: ...
 
     def push(
         self, points: FloatArray, others: Sequence[FloatArray], height: float, side: str, seed: int
@@ -54,10 +53,14 @@ class Pushes:
     def push(self, track: TrackedObject, view: Perceived, side: str, seed: int) -> str:
         """Push a thing; return the reason code, empty if it is not to be pushed or cannot be."""
         made = self._made.get(track.number, 0)
-        if not self._body.takes_poses or not _is_crowded(track, view) or made >= _MAX_PUSHES_EACH:
+        if not _is_crowded(track, view) or made >= _MAX_PUSHES_EACH:
             return ""
         others = [seen.points for seen in view.objects if seen is not track.seen]
-        reason = self._body.push(track.seen.points, others, view.table_height, side, seed)
+        points = track.seen.points
+        if track.has_grown:
+            points, rest = _ends(points)
+            others.append(rest)
+        reason = self._body.push(points, others, view.table_height, side, seed)
         if reason:
             self._made[track.number] = made + 1
             self.note_move()
@@ -65,8 +68,7 @@ class Pushes:
 
     def leave(self, track: TrackedObject, view: Perceived) -> None:
         """Note a thing that is left alone for want of a grasp beside others, which may go yet."""
-        can_change = self._body.takes_poses and _is_crowded(track, view)
-        if can_change and track.number not in self._resumed:
+        if _is_crowded(track, view) and track.number not in self._resumed:
             self._left.add(track.number)
 
     def note_move(self) -> None:
@@ -84,4 +86,17 @@ class Pushes:
 
 
 def _is_crowded(track: TrackedObject, view: Perceived) -> bool:
-    return any(track.seen is seen for seen in touching(view.objects))
+    """Tell whether a thing touches others, or is seen as one with another that it came to touch."""
+    return track.has_grown or any(track.seen is seen for seen in touching(view.objects))
+
+
+def _ends(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return points (n, 3) in two halves, cut in the middle of their longer side seen from above.
+
+    Two things that are seen as one only part if one of them is pushed and the other is not.
+    """
+    flat = points[:, :2] - points[:, :2].mean(axis=0)
+    longest = np.linalg.svd(flat, full_matrices=False)[2][0]
+    along = flat @ longest
+    first = along > (along.min() + along.max()) / 2
+    return points[first], points[~first]

@@ -12,6 +12,7 @@ from itertools import count
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
 
 from features.perception import Seen
 
@@ -20,6 +21,9 @@ __all__ = ["TrackedObject", "Tracker"]
 _STILL_M = 0.025
 _MOVED_M = 0.09
 _SAME_SIZE = 0.15
+_BETWEEN_M, _COVERED_M, _MOST = 0.04, 0.008, 0.7
+_GROWN = 1.5
+"""Sides differ by a tenth from view to view, so that a volume may do by a third."""
 
 
 @dataclass
@@ -49,6 +53,9 @@ class TrackedObject:
     may_lie_in_box
         Whether something new lies in that box, of which the robot could not tell what it is: if the
         object is nowhere on the table in the end, that is it.
+    met_sides
+        Of the box around it as the robot began to handle it, m, shortest first, which stay as they
+        are when the thing falls; empty = not handled yet.
     """
 
     number: int
@@ -60,6 +67,16 @@ class TrackedObject:
     gone: bool = False
     released: bool = False
     may_lie_in_box: bool = False
+    met_sides: tuple[float, ...] = ()
+
+    def meet(self) -> None:
+        """Note that the robot begins to handle it; from here on it is one thing."""
+        self.met_sides = self.met_sides or tuple(sorted(_size(self.seen)))
+
+    @property
+    def has_grown(self) -> bool:
+        """Whether it is seen so much larger than it was that another thing is seen with it."""
+        return bool(self.met_sides) and _volume(self.seen) > _GROWN * float(np.prod(self.met_sides))
 
 
 class Tracker:
@@ -114,7 +131,24 @@ class Tracker:
                 self.tracks.append(TrackedObject(next(self._numbers), seen))
             else:
                 match.seen, match.visible = seen, True
+        self._forget_parts(expected, handled)
         return [track for track in self.tracks if track.visible]
+
+    def _forget_parts(
+        self, expected: Sequence[TrackedObject], handled: TrackedObject | None
+    ) -> None:
+        """Forget what was seen as a thing of its own and proves to be a part of another.
+
+        A thing behind another is seen as two. Its parts show as one when that other is gone, or
+        vanish together when one of them is grasped. Only what was not handled yet is forgotten: it
+        has no history that could be lost, and is met anew should it be a thing after all.
+        """
+        for track in expected:
+            if track.visible or track.met_sides or track.finished:
+                continue
+            gone_with = handled is not None and handled.gone and _are_near(track, handled)
+            if gone_with or any(o.visible and _covers(o, track) for o in self.tracks):
+                self.tracks.remove(track)
 
     @classmethod
     def same(cls, track: TrackedObject, objects: Sequence[Seen]) -> Seen | None:
@@ -189,7 +223,27 @@ class Tracker:
         """Return the distance that an object would have moved, relative to the permitted one."""
         allowed = _MOVED_M if track is handled else _STILL_M
         way = float(np.linalg.norm(track.seen.position - seen.position))
-        return min(way / allowed, 1e3)
+        unlike = 0.0
+        if track.has_grown:  # where a pair has parted, the thing is the one that has its size
+            ratios = np.array(sorted(_size(seen))) / track.met_sides
+            unlike = float(np.abs(np.log(ratios)).max())
+        return min(way / allowed + unlike, 1e3)
+
+
+def _are_near(track: TrackedObject, other: TrackedObject) -> bool:
+    """Tell whether two things, as they were last seen, are closer than one between them is wide."""
+    away, _ = cKDTree(other.seen.points).query(track.seen.points, distance_upper_bound=_BETWEEN_M)
+    return bool(np.isfinite(away).any())
+
+
+def _covers(whole: TrackedObject, part: TrackedObject) -> bool:
+    """Tell whether a thing is seen now where most of another one was seen before."""
+    away, _ = cKDTree(whole.seen.points).query(part.seen.points, distance_upper_bound=_COVERED_M)
+    return float(np.isfinite(away).mean()) > _MOST
+
+
+def _volume(seen: Seen) -> float:
+    return float(np.prod(_size(seen)))
 
 
 def _size(seen: Seen) -> tuple[float, float, float]:

@@ -10,6 +10,7 @@ from typing import Any
 from simulate.demo.products import by_product
 from simulate.demo.report_attempts import robot_cell
 from simulate.demo.report_hand import HATCH
+from simulate.demo.story import hidden_in
 
 __all__ = ["report_page"]
 
@@ -30,7 +31,10 @@ def report_page(folder: Path, result: Mapping[str, Any]) -> str:
     work = _by_robot([*result.get("objects", ()), *result.get("alone_objects", ())])
     groups = _groups(result)
     products = list(dict.fromkeys(p for robot in work.values() for p in robot))
-    parts = [f'<p class="gain">{escape(sentence)}</p>' for sentence in _sentences(result)]
+    parts = (
+        [f"<p>{escape(secret)}</p>"] if (secret := hidden_in(str(result.get("products")))) else []
+    )
+    parts += [f'<p class="gain">{escape(sentence)}</p>' for sentence in _sentences(result)]
     parts += [_chart(group, work, products) for group in groups if len(group) == 2]
     parts.append(_totals([*result["robots"], *_alone(result)]))
     parts.append(_legend(work))

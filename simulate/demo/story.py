@@ -7,19 +7,20 @@ from typing import Any
 
 from simulate.demo.products import by_product
 
-__all__ = ["Gain", "gains_of", "opening", "outcome"]
+__all__ = ["Gain", "gains_of", "hidden_in", "opening", "outcome"]
 
+_LIGHT = (
+    "These products look like plain boxes, weigh what a Nao can lift, and hide what decides a "
+    "grasp: one end of each carton breaks when it is pressed, and each rod is heavy at one end. "
+    "Eyes alone cannot tell which, so first attempts often fail."
+)
 _SECRETS = {
     "plain": "On this table nothing is hidden: geometry holds nearly every product at once, "
     "and sharing has little to add.",
-    "light": "These products look like plain boxes, weigh what a Nao can lift, and hide what "
-    "decides a grasp: of a carton one end breaks when it is pressed, a rod has its weight near one "
-    "end. Eyes alone cannot tell which, so first attempts often fail.",
-    "fragile": "These products look like plain boxes, weigh what a Nao can lift, and hide what "
-    "decides a grasp: of a carton one end breaks when it is pressed, a rod has its weight near one "
-    "end. Eyes alone cannot tell which, so first attempts often fail.",
-    "hard": "These products look like plain boxes and hide what decides a grasp: of a carton one "
-    "end breaks when it is pressed, a bar or a flask has its weight near one end. Eyes alone "
+    "light": _LIGHT,
+    "fragile": _LIGHT,
+    "hard": "These products look like plain boxes and hide what decides a grasp: one end of each "
+    "carton breaks when it is pressed, and each bar and flask is heavy at one end. Eyes alone "
     "cannot tell which, so first attempts often fail.",
     "unforeseen": "These products look like plain boxes, and what decides a grasp is none of the "
     "causes that the graph names: both ends break, or all but two ribs, or a lid in the middle; a "
@@ -29,6 +30,11 @@ _NUMBERS = (
     "No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten", "Eleven",
     "Twelve",
 )  # fmt: skip
+
+
+def hidden_in(products: str) -> str:
+    """Return what a set of products hides, in a sentence or two; empty for no known set."""
+    return _SECRETS.get(products, "")
 
 
 def opening(products: str, names: Sequence[str], alone: Sequence[str] = ()) -> list[str]:
@@ -113,7 +119,7 @@ class Gain:
         if not self.products:
             return f"{self.name} and the same robot without the graph tried no product in common."
         if self.placed == self.placed_alone == self.products:
-            with_it = f"needed {self.attempts} attempts for {self._all()}"
+            with_it = f"needed {_attempts(self.attempts)} for {self._all()}"
             without = str(self.attempts_alone)
         else:
             with_it = f"put {self._placed(self.placed, self.attempts)}"
@@ -124,7 +130,7 @@ class Gain:
         return f"{text} {self._origin()}"
 
     def _placed(self, number: int, attempts: int) -> str:
-        return f"{number} of {self._all()} into its box in {attempts} attempts"
+        return f"{number} of {self._all()} into its box in {_attempts(attempts)}"
 
     def _all(self) -> str:
         return f"{self.products} product{'s' if self.products > 1 else ''}"
@@ -132,8 +138,12 @@ class Gain:
     def _origin(self) -> str:
         number = self.first_from_graph
         words = _NUMBERS[number] if number < len(_NUMBERS) else str(number)
-        origin = self.teachers[0] if len(self.teachers) == 1 else "other robots"
+        origin = " or ".join(self.teachers) if 0 < len(self.teachers) < 3 else "other robots"
         return f"{words} first grasp{'' if number == 1 else 's'} came from {origin}."
+
+
+def _attempts(number: int) -> str:
+    return f"{number} attempt{'' if number == 1 else 's'}"
 
 
 def gains_of(

@@ -51,9 +51,12 @@ def _order(monkeypatch: pytest.MonkeyPatch, takes_poses: bool, *tracks: Seen) ->
     return robot.done
 
 
-def test_a_crowd_waits_until_both_sides_are_cleared(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("takes_poses", [True, False])
+def test_a_crowd_waits_until_both_sides_are_cleared(
+    monkeypatch: pytest.MonkeyPatch, takes_poses: bool
+) -> None:
     two, far = (seen_at(0.40, -0.10), seen_at(0.41, -0.10)), seen_at(0.40, 0.10)
-    done = _order(monkeypatch, True, *two, far)
+    done = _order(monkeypatch, takes_poses, *two, far)
     assert done[:3] == [(1, "put off"), (2, "put off"), (3, "given up")]
     # Nothing is left to wait for but each other.
     assert done[3:] == [(1, "put off"), (2, "given up"), (1, "given up")]
@@ -66,8 +69,3 @@ def test_what_stands_free_waits_for_its_own_side_only(
     apart = seen_at(0.40, -0.20), seen_at(0.40, -0.10), seen_at(0.40, 0.10)
     done = _order(monkeypatch, takes_poses, *apart)
     assert done == [(1, "put off"), (2, "given up"), (1, "given up"), (3, "given up")]
-
-
-def test_a_robot_that_cannot_push_does_not_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    two, far = (seen_at(0.40, -0.10), seen_at(0.41, -0.10)), seen_at(0.40, 0.10)
-    assert _order(monkeypatch, False, *two, far)[-1] == (3, "given up")

@@ -27,6 +27,14 @@ class _Seen:
     def position(self) -> np.ndarray:
         return np.array([self.x, self.y])
 
+    @property
+    def points(self) -> np.ndarray:
+        """Of its upper face, 5 mm apart, m; it lies along x."""
+        size = self.shape
+        along, across = (np.arange(-s / 2, s / 2, 0.005) for s in (size.length, size.width))
+        top = np.array([[self.x + a, self.y + b, size.height] for a in along for b in across])
+        return top.astype(np.float32)
+
 
 def _numbers(tracks: list) -> list[int]:
     return [track.number for track in tracks]
@@ -157,3 +165,55 @@ def test_what_leans_on_the_wall_of_its_box_and_is_likely_by_its_looks_is_met_aga
     assert not tracker.fell_out("o:2", found, is_likely=True)
     found.seen = _Seen(0.55, -0.19, _Shape(0.048, 0.044, 0.045))
     assert not tracker.fell_out("o:1", found, is_likely=True)  # it is too thick
+
+
+_PEN, _HALF = _Shape(0.13, 0.02, 0.02), _Shape(0.045, 0.02, 0.02)
+
+
+def test_what_was_seen_as_two_behind_a_thing_is_one_when_that_is_gone() -> None:
+    tracker, can = Tracker(), _Seen(0.15, -0.07, _Shape(0.03, 0.03, 0.08))
+    *_, front = tracker.update([_Seen(0.11, -0.10, _HALF), _Seen(0.19, -0.10, _HALF), can])
+    front.gone = front.finished = True
+    tracker.update([_Seen(0.15, -0.10, _PEN)], handled=front)
+    assert len(tracker.in_view(-1)) == 1
+    assert tracker.missing == []
+    # What the robot has begun to handle has a history, and is not dropped for what covers it.
+    tracker = Tracker()
+    first, _, front = tracker.update([_Seen(0.11, -0.10, _HALF), _Seen(0.19, -0.10, _HALF), can])
+    first.meet()
+    front.gone = front.finished = True
+    tracker.update([_Seen(0.15, -0.10, _PEN)], handled=front)
+    assert tracker.missing == [first]
+
+
+@pytest.mark.parametrize(("apart", "missing"), [(0.03, 0), (0.06, 1)])
+def test_a_part_of_what_was_taken_is_not_looked_for(apart: float, missing: int) -> None:
+    tracker = Tracker()
+    pen, part = tracker.update([_Seen(0.11, -0.10, _HALF), _Seen(0.155 + apart, -0.10, _HALF)])
+    pen.meet()
+    pen.gone = pen.finished = True
+    tracker.update([], handled=pen)
+    assert tracker.missing == [part][:missing]
+
+
+def test_what_is_seen_as_one_with_a_thing_that_it_came_to_touch_has_grown() -> None:
+    tracker, box = Tracker(), _Shape(0.05, 0.035, 0.05)
+    (track,) = tracker.update([_Seen(0.15, -0.10, box)])
+    track.seen = _Seen(0.15, -0.10, _Shape(0.09, 0.035, 0.05))
+    assert not track.has_grown  # a part was hidden before the robot came to it
+    track.seen = _Seen(0.15, -0.10, box)
+    track.meet()
+    track.seen = _Seen(0.15, -0.10, _Shape(0.053, 0.055, 0.037))
+    assert not track.has_grown  # it fell over
+    track.seen = _Seen(0.15, -0.10, _Shape(0.09, 0.035, 0.05))
+    assert track.has_grown
+
+
+def test_where_a_pair_has_parted_the_thing_is_the_one_that_has_its_size() -> None:
+    tracker, box, can = Tracker(), _Shape(0.05, 0.035, 0.05), _Shape(0.03, 0.03, 0.08)
+    (track,) = tracker.update([_Seen(0.15, -0.10, box)])
+    track.meet()
+    tracker.update([_Seen(0.15, -0.105, _Shape(0.09, 0.035, 0.08))], handled=track)
+    other, again = _Seen(0.15, -0.115, can), _Seen(0.15, -0.06, box)
+    tracker.update([other, again], handled=track)
+    assert track.seen is again

@@ -35,6 +35,7 @@ def _page(folder: Path, shared: dict[str, Any], alone: dict[str, Any] | None = N
         for name, met in robots.items()
     }  # fmt: skip
     return report_page(folder, {
+        "products": "fragile",
         "robots": [totals["nao-2"]],
         "alone_robots": [totals["nao-2-alone"]] if alone else [],
         "objects": [{"robot": "nao-2", **shared}],
@@ -95,3 +96,8 @@ def test_a_run_of_an_earlier_version_has_a_page_without_drawings(tmp_path: Path)
 def test_a_product_that_one_robot_did_not_see_is_said(tmp_path: Path) -> None:
     page = _page(tmp_path, _met(_HELD), _met(_MISSED, product="rod-2"))
     assert page.count("did not see it") == 2
+
+
+def test_the_page_begins_with_what_the_products_hide(tmp_path: Path) -> None:
+    page = _page(tmp_path, _met(_HELD))
+    assert page.index("one end of each carton breaks") < page.index("With the graph")
