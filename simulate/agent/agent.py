@@ -231,7 +231,8 @@ class Agent:
         waits = may_wait and not track.waiting
         decided = ask_for_decision(
             self.server, request, lambda: seen_from_aside(self.body, track, side),
-            lambda: self._crowd.look_closer(track), waits, lambda: self._push(track, view, side),
+            lambda: self._crowd.look_closer(track), waits,
+            lambda has_grasp: self._push(track, view, side, has_grasp),
         )  # fmt: skip
         answer = decided.answer
         seconds["ask"] = time.perf_counter() - started
@@ -248,7 +249,9 @@ class Agent:
             self._grasp(trial, planned.plan, planned.grasp)
         elif waits:
             track.waiting = True
-        elif decided.ends != "pushed" and (decided.ends or not self._push(track, view, side)):
+        elif decided.ends != "pushed" and (
+            decided.ends or not self._push(track, view, side, planned.grasp is not None)
+        ):
             self._give_up(trial, planned)
             if planned.grasp is None:
                 self._pushes.leave(track, view)
@@ -334,12 +337,21 @@ class Agent:
             if planned.plan is not None or was_planned or not self._crowd.look_closer(track):
                 return {**answer, "grasps": grasps}, planned
 
-    def _push(self, track: TrackedObject, view: Perceived, side: str) -> bool:
-        """Push a thing that cannot be grasped; tell whether that was done."""
+    def _push(
+        self, track: TrackedObject, view: Perceived, side: str, has_grasp: bool = True
+    ) -> bool:
+        """Push a thing that cannot be grasped; tell whether that was done.
+
+        What no hand closes on may be two things that are seen as one. A plan on the whole view
+        would have cut them apart, so that this is for arms that take none.
+        """
         seed = mix_seed(self.config.seed, track.number, self._runs)
-        reason = self._pushes.push(track, view, side, seed)
+        is_pair = not has_grasp and not self.body.takes_poses
+        reason = self._pushes.push(track, view, side, seed, is_pair)
         if reason:
-            self._tell("push", {"object": track.number, "reason": reason, "doing": "pushing"})
+            about = _about(track, self._encounter(track, side))
+            doing = f"pushing {about['title']}"
+            self._tell("push", about | {"reason": reason, "doing": doing})
         return bool(reason)
 
     def _encounter(self, track: TrackedObject, side: str) -> Encounter:
@@ -424,7 +436,9 @@ class Agent:
         track, encounter, task_id = trial.track, trial.encounter, trial.answer["task_id"]
         common = {"gripper_id": gripper_id, "task": "pick"}
         is_certain = encounter.recognised and encounter.confidence >= _CONFIDENT
-        if track.object_iri and is_certain and "tool_pose" not in grasp:
+        # A view of two things as one is a view of neither, and would mislead other robots.
+        is_known = bool(is_certain) or track.has_grown
+        if track.object_iri and is_known and "tool_pose" not in grasp:
             self.server.report_outcome(
                 task_id=task_id, object=track.object_iri, grasp=grasp, outcome=outcome, **common
             )

@@ -101,7 +101,7 @@ def ask_for_decision(
     look_again: Callable[[], dict[str, Any] | None],
     has_others: Callable[[], bool] = lambda: False,
     may_wait: bool = False,
-    push: Callable[[], bool] = lambda: False,
+    push: Callable[[bool], bool] = lambda has_grasp: False,
 ) -> Decided:
     """Ask about an object until the server grants a grasp or nothing more helps.
 
@@ -117,7 +117,8 @@ def ask_for_decision(
     may_wait
         Whether other things can be handled first.
     push
-        Pushes the object if that may help, and tells whether it did; the last resort.
+        Pushes the object if that may help, and tells whether it did; the last resort. Called with
+        whether the server has any grasp of it.
     """
     request = dict(request)
     refusals: list[Refusal] = []
@@ -129,7 +130,9 @@ def ask_for_decision(
         lacking = str(decision["too_low"])
         response, change = _respond(lacking, request, look_again, has_others)
         if not response:
-            response = "postponed" if may_wait else "pushed" if push() else "left_alone"
+            has_grasp = lacking != "grasp" or float(decision["confidence"]) > 0
+            pushed = not may_wait and push(has_grasp)
+            response = "postponed" if may_wait else "pushed" if pushed else "left_alone"
         refusals.append(
             Refusal(
                 lacking, float(decision["confidence"]), float(decision["threshold"]), response,

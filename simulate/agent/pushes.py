@@ -50,14 +50,23 @@ class Pushes:
         """Tell whether so many attempts at a thing failed that a push comes first."""
         return failures >= FAILURES_BEFORE * (1 + self._made.get(track.number, 0))
 
-    def push(self, track: TrackedObject, view: Perceived, side: str, seed: int) -> str:
-        """Push a thing; return the reason code, empty if it is not to be pushed or cannot be."""
+    def push(
+        self, track: TrackedObject, view: Perceived, side: str, seed: int, is_pair: bool = False
+    ) -> str:
+        """Push a thing; return the reason code, empty if it is not to be pushed or cannot be.
+
+        Parameters
+        ----------
+        is_pair
+            Whether it may be two things that are seen as one.
+        """
+        is_pair = is_pair or track.has_grown
         made = self._made.get(track.number, 0)
-        if not _is_crowded(track, view) or made >= _MAX_PUSHES_EACH:
+        if made >= _MAX_PUSHES_EACH or not (is_pair or _is_crowded(track, view)):
             return ""
         others = [seen.points for seen in view.objects if seen is not track.seen]
         points = track.seen.points
-        if track.has_grown:
+        if is_pair:
             points, rest = _ends(points)
             others.append(rest)
         reason = self._body.push(points, others, view.table_height, side, seed)

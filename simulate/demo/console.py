@@ -98,6 +98,10 @@ def event_sentence(event: dict[str, Any]) -> str:
     if name == "attempt":
         grasp = GRASP_WORDS.get(event["source"], f"grasp from {event['source']}")
         return f"{event['title']}, attempt {event['number']}, {grasp}: {_outcome_words(event)}"
+    if name == "push":
+        if event["reason"] != "ok":
+            return f"could not push {event['title']}, {reason_words(event['reason'])}"
+        return f"pushes {event['title']}, which it cannot grasp as it lies"
     if name == "missing":
         x, y = event["last_seen"]
         return f"{event['title']} is gone; it was last seen at {x:.2f}, {y:.2f} m"

@@ -105,21 +105,22 @@ def demo_study(
 def demo_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """Run one demo with sharing, and some of its robots without; return both as JSON data."""
     seed, started = int(settings["seed"]) + number, time.process_time()
-    robots = int(settings["robots"])
+    robots = range(int(settings["robots"]))
     with rtask.open(":memory:", reason=False) as kb:
-        shared = [_work(kb, settings, seed, index) for index in range(robots)]
+        shared = [_work(kb, settings, seed, index) for index in robots]
     alone = []
     for index in settings["compared"]:
         with rtask.open(":memory:", reason=False) as kb:
             alone.append(_work(kb, settings, seed, index))
-    return {
+    result = {
         "seed": seed,
         "shared": shared,
         "compared": settings["compared"],
         "alone": alone,
         "cpu_s": round(time.process_time() - started, 1),
-        "says": f"seed {seed} has worked both ways",
     }
+    figures = _figures(result, int(settings["max_attempts"]))["robots"]
+    return {**result, "says": f"seed {seed}: {'; '.join(map(_robot_words, figures))}"}
 
 
 def _work(kb: KnowledgeBase, settings: Mapping[str, Any], seed: int, index: int) -> dict[str, Any]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pytest
 
 from features.geometry import FloatArray
 from features.perception import Perceived, Seen
 from simulate.agent.pushes import Pushes
 from simulate.agent.tracking import TrackedObject
-from tests.simulate.agent.doubles import seen_at
+from tests.simulate.agent.doubles import Body, Record, Server, seen_at
 
 
 @dataclass
@@ -48,3 +49,15 @@ def test_what_was_as_large_when_the_robot_came_to_it_stands_free_and_is_not_push
     track.meet()
     assert Pushes(body).push(track, Perceived("ok", 0.27, (track.seen,)), "right", 0) == ""
     assert body.pushed == []
+
+
+@pytest.mark.parametrize("is_pair", [False, True])
+def test_a_view_of_two_things_as_one_is_not_stored_as_a_view_of_either(
+    run, monkeypatch: pytest.MonkeyPatch, is_pair: bool
+) -> None:
+    monkeypatch.setattr(TrackedObject, "has_grown", property(lambda track: is_pair))
+    spot, server = (0.15, -0.1), Server()
+    run(Body([spot], [Record("missed", held=False, placed=False)]), server, [spot] * 2)
+    told = [report["outcome"]["attempt_number"] for report in server.reported]
+    stored = [item["outcome"]["attempt_number"] for item in server.inserted]
+    assert (stored, told) == (([1], [2]) if is_pair else ([1, 2], []))

@@ -216,6 +216,27 @@ def test_what_stands_free_is_not_pushed(run) -> None:
     assert met.attempts[0].reason == "ik"
 
 
+@pytest.mark.parametrize(("takes_poses", "pushes"), [(True, 0), (False, 2)])
+@pytest.mark.parametrize("decides", [True, False])
+def test_what_no_hand_closes_on_may_be_two_things_and_is_pushed_at_one_end(
+    run, takes_poses: bool, pushes: int, decides: bool
+) -> None:
+    class Weak(Body):
+        def push(self, points, others, height, side, seed):
+            self.asked = getattr(self, "asked", 0) + 1
+            return "ok"
+
+    class Never(_Graspless):
+        def recognise_for_grasp(self, **request):
+            return {**super().recognise_for_grasp(**request), "grasps": []}
+
+    body = Weak([(0.15, -0.10)])
+    body.takes_poses = takes_poses
+    (met,) = run(body, Never(body, decides), [])
+    assert getattr(body, "asked", 0) == pushes
+    assert not met.held
+
+
 def test_a_thing_that_was_missed_three_times_in_a_crowd_is_pushed_and_tried_once_more(run) -> None:
     miss = Record("missed", held=False, placed=False)
     body = _Strong([(0.15, -0.16), (0.16, -0.16)], [miss] * 3)

@@ -48,6 +48,14 @@ TRIED = {
             "object 4 is gone; it was last seen at 0.10, 0.20 m",
         ),
         (
+            {"event": "push", "object": 4, "title": "rod-1", "reason": "ok"},
+            "pushes rod-1, which it cannot grasp as it lies",
+        ),
+        (
+            {"event": "push", "object": 4, "title": "rod-1", "reason": "tracking"},
+            "could not push rod-1, the arm left its planned path",
+        ),
+        (
             {"event": "found", "object": 4, "title": "rod-1", "where": "in the box"},
             "rod-1 is in the box",
         ),

@@ -71,6 +71,8 @@ def test_the_robots_share_a_graph_and_the_second_and_the_last_work_once_more_on_
         ("nao-2", 41, []), ("panda-3", 41, []),
     ]  # fmt: skip
     assert (result["seed"], result["compared"]) == (41, [1, 2])
+    # Printed as each demo ends, so that an interrupted study has said what it found.
+    assert result["says"] == "seed 41: nao-2 1, alone 1; nao-2 1, alone 1"
 
 
 def test_what_two_robots_gained_is_shown_for_each_and_added_up() -> None:
