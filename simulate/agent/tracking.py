@@ -162,7 +162,7 @@ class Tracker:
         self.update(objects, track, side)
         if track.visible:
             return True
-        del self.tracks[len(before) :]
+        self.tracks[:] = [former for former, *_ in before]
         for former, seen, visible in before:
             former.seen, former.visible = seen, visible
         return False

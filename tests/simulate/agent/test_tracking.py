@@ -217,3 +217,14 @@ def test_where_a_pair_has_parted_the_thing_is_the_one_that_has_its_size() -> Non
     other, again = _Seen(0.15, -0.115, can), _Seen(0.15, -0.06, box)
     tracker.update([other, again], handled=track)
     assert track.seen is again
+
+
+def test_a_view_that_does_not_show_what_is_looked_for_changes_nothing() -> None:
+    tracker = Tracker()
+    lost, part = tracker.update([_Seen(0.11, -0.20), _Seen(0.15, -0.05, _HALF)])
+    lost.released = True
+    tracker.update([_Seen(0.15, -0.05, _HALF)])
+    # From elsewhere the part is seen as a piece of what covers it, and would be forgotten.
+    assert not tracker.finds(lost, [_Seen(0.18, -0.05, _Shape(0.13, 0.02, 0.02))], -1)
+    assert tracker.tracks == [lost, part]
+    assert (lost.visible, part.visible) == (False, True)
