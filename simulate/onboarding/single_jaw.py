@@ -78,7 +78,7 @@ def _turning(robot: RobotDescription, wrist: str, joint: Joint, palm: Floats) ->
         opened = closed + float(np.clip(other - closed, -_WIDEST_RAD, _WIDEST_RAD))
         here = _jaw(robot, wrist, joint, closed) - hinge[:3, 3]
         there = _jaw(robot, wrist, joint, opened) - hinge[:3, 3]
-        out = here.mean(axis=0)
+        out = _middle(here)
         out = out - (out @ axis) * axis
         if np.linalg.norm(out) < _OFF_AXIS_M:
             continue
@@ -86,7 +86,7 @@ def _turning(robot: RobotDescription, wrist: str, joint: Joint, palm: Floats) ->
         if approach @ hinge[:3, 3] < -_OFF_AXIS_M:  # it folds back onto the arm
             continue
         closing = np.cross(axis, approach)
-        closing = closing * np.sign((there.mean(axis=0) - here.mean(axis=0)) @ closing)
+        closing = closing * np.sign((_middle(there) - _middle(here)) @ closing)
         length = float((here @ approach).max())
         ahead, beside = arms @ approach, np.abs((arms - out) @ axis)
         is_fixed = (ahead >= _ALONG * length) & (ahead <= _MAX_ALONG * length)
@@ -108,7 +108,7 @@ def _sliding(robot: RobotDescription, wrist: str, joint: Joint, palm: Floats) ->
         return None
     axis = joint.pose.matrix[:3, :3] @ (np.array(joint.axis) / np.linalg.norm(joint.axis))
     middle = _jaw(robot, wrist, joint, (joint.lower + joint.upper) / 2)
-    out = middle.mean(axis=0) - palm.mean(axis=0)
+    out = _middle(middle) - _middle(palm)
     out = out - (out @ axis) * axis
     if np.linalg.norm(out) < 1e-3:
         return None
@@ -123,11 +123,20 @@ def _sliding(robot: RobotDescription, wrist: str, joint: Joint, palm: Floats) ->
     fixed = palm[is_level]
     if len(fixed) < _FEWEST:
         return None
-    away = np.sign(middle.mean(axis=0) @ axis - float(np.median(fixed @ axis)))
+    away = np.sign(_middle(middle) @ axis - float(np.median(fixed @ axis)))
     if not away:
         return None
     closed, opened = (joint.lower, joint.upper) if away > 0 else (joint.upper, joint.lower)
     return SingleJaw(joint, closed, opened, approach, away * axis, fixed)
+
+
+def _middle(points: Floats) -> Floats:
+    """Return the middle (3,) of the extents of points (n, 3).
+
+    Their mean would lie where a mesh is fine: a jaw of a few large triangles with the motor that
+    turns it in its link seemed to turn in place.
+    """
+    return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2)
 
 
 def _jaw(robot: RobotDescription, wrist: str, joint: Joint, value: float) -> Floats:

@@ -29,6 +29,7 @@ from simulate.robots.urdf_doctor import (
     doubtful_turns,
     lost_sources,
 )
+from simulate.robots.urdf_joints import from_the_root, last_sources, with_leading_slides
 
 __all__ = ["ReadRobot", "read_urdf"]
 
@@ -48,6 +49,8 @@ _PREFIX = re.compile(rb"(</?|\s)([A-Za-z]\w*):(?=[\w.-]+[\s=/>])")
 _NOT_XML = (ET.ParseError, LookupError, ValueError)
 """The last two of an encoding that does not exist, or that the parser cannot read."""
 _SPEED = 1.0
+_SLIDE_M = 0.1
+"""Largest limit of a frozen joint that is taken for a slide's."""
 """rad/s or m/s, of a joint that states none."""
 _GYRATION_M = 5.0
 """Radius of gyration that no link of a robot has."""
@@ -108,6 +111,8 @@ class _Reader:
         self._meshes_in = meshes_in
         self._warnings: list[str] = []
         self._types: dict[str, str] = {}
+        self._sources: dict[str, str] = {}
+        self._unlimited: set[str] = set()
 
     def parse(self, text: bytes) -> ET.Element:
         """Return the document; a late declaration or an undeclared prefix is a gap."""
@@ -125,6 +130,13 @@ class _Reader:
     def read(self, tree: ET.Element) -> ReadRobot:
         stated = [e for e in tree.findall("joint") if e.find("parent") is not None]
         self._types = {e.get("name", ""): e.get("type", "") for e in stated}
+        self._sources = last_sources(
+            {
+                e.get("name", ""): m.get("joint", "")
+                for e in stated
+                if (m := e.find("mimic")) is not None
+            }
+        )
         joints = [self._joint(e) for e in stated]
         self._refuse_twins(joints)
         moved = {joint.child for joint in joints if joint.kind != "fixed"}
@@ -152,7 +164,7 @@ class _Reader:
         self._warnings += [
             *doubtful_limits(joints), *doubtful_turns(joints), *doubtful_masses(links.values())
         ]  # fmt: skip
-        ordered = tuple(_from_the_root(self._path, roots[0], joints))
+        ordered = tuple(from_the_root(self._path, roots[0], joints))
         name = tree.get("name", self._path.stem)
         return ReadRobot(name, roots[0], tuple(links.values()), ordered, tuple(self._warnings))
 
@@ -168,8 +180,14 @@ class _Reader:
         reasons = lost_sources(joints)
         for name, reason in reasons.items():
             self._gap(f"joint {name!r}", reason, "moves by itself")
-        return [replace(j, mimic=None, mimic_offset=0.0) if j.name in reasons else j
+        kept = [replace(j, mimic=None, mimic_offset=0.0) if j.name in reasons else j
                 for j in joints]  # fmt: skip
+        led, motors = with_leading_slides(kept, self._unlimited)
+        for name, motor in motors.items():
+            self._gap(
+                f"joint {name!r}", f"follows {motor!r}, which has no limits", "moves by itself"
+            )
+        return led
 
     def _gap(self, where: str, problem: str, instead: str) -> None:
         """Record a gap that is filled; refuse it in strict mode."""
@@ -342,26 +360,31 @@ class _Reader:
     def _thawed(self, where: str, element: ET.Element, stated: str) -> str:
         """Return the type of a joint: that of the one it follows, where it was frozen.
 
-        Libraries without joints that follow others fix them, and leave axis, range and source.
+        Libraries without joints that follow others fix them, and leave axis, range and source. A
+        range of some centimetres is a slide's, whatever it follows: no hinge moves so little.
         """
         follows, limit = element.find("mimic"), element.find("limit")
         if self._strict or stated != "fixed" or follows is None or limit is None:
             return stated
-        source = self._types.get(follows.get("joint", ""), "")
-        if source not in ("revolute", "prismatic") or element.find("axis") is None:
+        source = self._types.get(self._sources.get(element.get("name", ""), ""), "")
+        if source not in ("revolute", "continuous", "prismatic") or element.find("axis") is None:
             return stated
         if limit.get("lower", "0") == limit.get("upper", "0"):
             return stated
         self._gap(where, f"is fixed, but follows {follows.get('joint')!r}", "moves with it")
-        return source
+        ends = (self._number(where, limit, end, 0.0) for end in ("lower", "upper"))
+        return "prismatic" if max(map(abs, ends)) <= _SLIDE_M else source
 
     def _limited(self, where: str, joint: Joint, limit: ET.Element | None, endless: bool) -> Joint:
+        if endless:
+            self._unlimited.add(joint.name)
         has_range = limit is not None and ("lower" in limit.attrib or "upper" in limit.attrib)
         if not has_range and not endless:
             instead = "held still" if joint.kind == "prismatic" else "taken as +-pi"
             self._gap(where, "moves and has no <limit>", instead)
             if joint.kind == "prismatic":
                 return replace(joint, kind="fixed")
+            self._unlimited.add(joint.name)
         lower, upper = -math.pi, math.pi
         if limit is not None and has_range and not endless and _is_infinite(limit):
             instead = "held still" if joint.kind == "prismatic" else "taken as +-pi"
@@ -465,22 +488,3 @@ def _is_infinite(limit: ET.Element) -> bool:
 
 def _kinds() -> str:
     return ", ".join(_STRICT_KINDS)
-
-
-def _from_the_root(path: Path, root: str, joints: Sequence[Joint]) -> Iterator[Joint]:
-    """Yield the joints so that every parent comes before its children, else in the file's order."""
-    reached, waiting = {root}, list(joints)
-    while waiting:
-        later = []
-        for joint in waiting:
-            if joint.parent not in reached:
-                later.append(joint)
-                continue
-            if joint.child in reached:
-                raise RobotError(f"{path}: link {joint.child!r} hangs on two joints")
-            reached.add(joint.child)
-            yield joint
-        if len(later) == len(waiting):
-            lost = later[0].name
-            raise RobotError(f"{path}: joint {lost!r} hangs on itself, not on the root {root!r}")
-        waiting = later

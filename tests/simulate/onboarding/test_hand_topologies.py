@@ -177,6 +177,17 @@ def test_a_single_jaw_closes_on_the_link_that_carries_it(tmp_path):
     assert hand.tcp[1] - hand.stroke / 2 == pytest.approx(-0.007, abs=1e-6)
 
 
+def test_a_jaw_with_its_motor_about_the_hinge_is_not_taken_for_a_wrist(tmp_path):
+    """The mean of its points lies near the axis, as a motor has many more of them than a jaw."""
+    motor = [("0.02 0.02 0.001", f"0 0 {0.0002 * k:.4f}") for k in range(-50, 51)]
+    jaw = ("0.02 0.006 0.085", "0 0.003 0.0425")
+    built = turning_jaw("a5")
+    built.parts = [part for part in built.parts if 'link name="part"' not in part]
+    (hand,) = found(tmp_path, built.link("part", jaw, *motor))
+    assert (hand.is_single, [joint.child for joint in hand.fingers]) == (True, ["part"])
+    np.testing.assert_allclose(hand.approach, (0, 0, 1), atol=1e-6)
+
+
 def test_a_linkage_closes_with_all_that_follows_its_motor(tmp_path):
     (hand,) = found(tmp_path, linkage("a6"))
     assert len(hand.fingers) == 6

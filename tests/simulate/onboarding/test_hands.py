@@ -132,6 +132,44 @@ def test_two_sliding_fingers_beside_a_propeller_are_a_hand(tmp_path):
     assert hand.stroke == pytest.approx(2 * 0.057 - 0.01, abs=1e-9)
 
 
+def test_frozen_slides_that_follow_a_motor_without_limits_are_fingers(tmp_path):
+    """Some files fix both fingers, name the propeller as their source, and give it no limits."""
+    path = write_two_fingers(tmp_path / "two.urdf", '<box size="0.06 0.01 0.02"/>')
+    text = path.read_text()
+    for frozen in ("left", "right"):
+        text = text.replace(
+            f'name="to_{frozen}" type="prismatic"', f'name="to_{frozen}" type="fixed"'
+        )
+    text = text.replace('name="to_prop" type="continuous"', 'name="to_prop" type="revolute"')
+    first, prop = text.split('name="to_prop"')
+    text = first + 'name="to_prop"' + prop.replace('lower="-2" upper="2" ', "", 1)
+    first, left = text.split('name="to_left"')
+    source = '<mimic joint="to_prop" multiplier="-1" offset="0.021"/></joint>'
+    path.write_text(first + 'name="to_left"' + left.replace("</joint>", source, 1))
+    robot, warnings = bare_robot(path, name="two")
+    kinds = {joint.name: joint.kind for joint in robot.joints}
+    assert (kinds["to_left"], kinds["to_right"]) == ("prismatic", "prismatic")
+    (hand,) = find_hands(robot)
+    assert [joint.name for joint in hand.fingers] == ["to_left", "to_right"]
+    assert hand.stroke == pytest.approx(2 * 0.057 - 0.01, abs=1e-6)
+    says = "joint 'to_left' follows 'to_prop', which has no limits; moves by itself"
+    assert says in warnings
+
+
+def test_slides_on_one_motor_without_limits_stay_geared(tmp_path):
+    """Of two that follow it, the second follows the first: at .01 and .02 m a radian, twice."""
+    path = write_two_fingers(tmp_path / "two.urdf", '<box size="0.06 0.01 0.02"/>')
+    first, right = path.read_text().split('<mimic joint="to_left" multiplier="-1"/>')
+    first, left = first.split('name="to_left"')
+    motor = '<mimic joint="to_prop" multiplier="{}" offset="{}"/>'
+    left = left.replace("</joint>", motor.format(0.01, 0.03) + "</joint>", 1)
+    path.write_text(f'{first}name="to_left"{left}{motor.format(-0.02, -0.05)}{right}')
+    joints = {joint.name: joint for joint in bare_robot(path, name="two")[0].joints}
+    assert joints["to_left"].mimic is None
+    assert joints["to_right"].mimic == ("to_left", -2.0)
+    assert joints["to_right"].mimic_offset == pytest.approx(-0.05 + 2 * 0.03)
+
+
 def test_fingers_whose_meshes_are_not_there_are_named_with_the_mesh(tmp_path):
     path = write_two_fingers(tmp_path / "two.urdf", '<mesh filename="meshes/pad.stl"/>')
     with pytest.raises(RobotError) as refused:
