@@ -292,7 +292,10 @@ def main() -> None:
     parser.add_argument("--results", type=Path, help="CSV for the benchmark's server, with --bop")
     args = parser.parse_args()
     if args.bop is not None:
-        run_bop(args.bop, args.split, PoseParams(starts=args.starts), args.results)
+        try:
+            run_bop(args.bop, args.split, PoseParams(starts=args.starts), args.results)
+        except (OSError, ValueError) as error:
+            parser.error(str(error))
         return
     first, last = map(int, args.scenes.split(":"))
     scenes, models = scenes_of(range(first, last), args.cache, args.ycb), Models(args.prints)

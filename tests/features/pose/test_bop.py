@@ -140,6 +140,46 @@ def test_a_dataset_reads_in_metres_and_radians(dataset):
         list(bop.views(4))
 
 
+def _without(dataset, name, key):
+    path = dataset / name
+    content = json.loads(path.read_text())
+    entry = next(iter(content.values()))
+    del (entry[0] if isinstance(entry, list) else entry)[key]
+    path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [
+        ("scene_camera.json", "cam_K"), ("scene_camera.json", "depth_scale"),
+        ("scene_gt.json", "cam_R_m2c"), ("scene_gt.json", "cam_t_m2c"), ("scene_gt.json", "obj_id"),
+    ],
+)  # fmt: skip
+def test_an_entry_that_lacks_a_number_is_named_with_its_file(dataset, name, key):
+    _without(dataset, f"test/000003/{name}", key)
+    with pytest.raises(ValueError, match=rf"000003/{name}: an entry lacks {key}"):
+        list(BopDataset(dataset).views(3))
+
+
+def test_damage_of_a_dataset_is_told_in_words(dataset):
+    scene = dataset / "test/000003"
+    with pytest.raises(ValueError, match=r"no such split; .* has models, test"):
+        BopDataset(dataset).scenes("val")
+    (dataset / "models/obj_000007.ply").unlink()
+    with pytest.raises(ValueError, match=r"obj_000007\.ply: no such mesh"):
+        BopDataset(dataset).model(7)
+    cv2.imwrite(str(scene / "rgb/000005.png"), np.zeros((60, 80, 3), np.uint8))
+    with pytest.raises(ValueError, match=r"\(120, 160\) pixels, its colour image \(60, 80\)"):
+        list(BopDataset(dataset).views(3))
+    cv2.imwrite(str(scene / "depth/000005.png"), np.zeros((120, 160), np.uint8))
+    with pytest.raises(ValueError, match=r"000005\.png: no depth image of 16 bits"):
+        list(BopDataset(dataset).views(3))
+    (scene / "scene_camera.json").write_text('{"5": {"cam_K": [1, 2], "depth_scale": 1}}')
+    cv2.imwrite(str(scene / "depth/000005.png"), np.zeros((120, 160), np.uint16))
+    with pytest.raises(ValueError, match=r"scene_camera\.json: cam_K is \[1, 2\]"):
+        list(BopDataset(dataset).views(3))
+
+
 def test_results_are_written_as_the_benchmark_reads_them(tmp_path):
     path = tmp_path / "ours_lm-test.csv"
     write_results(path, [BopEstimate(3, 5, 7, 0.5, pose(0.01))])

@@ -108,21 +108,28 @@ class BopDataset:
         self._info: dict[str, Any] | None = None
 
     def scenes(self, split: str = "test") -> list[int]:
-        """Return the numbers of the scenes of a split."""
+        """Return the numbers of the scenes of a split.
+
+        Raises
+        ------
+        ValueError
+            When there is no such split, with those that there are.
+        """
         folder = self.folder / split
+        if not folder.is_dir():
+            parts = sorted(entry.name for entry in self.folder.iterdir() if entry.is_dir())
+            raise ValueError(f"{folder}: no such split; {self.folder} has {', '.join(parts)}")
         return sorted(int(entry.name) for entry in folder.iterdir() if entry.name.isdigit())
 
     def targets(self, name: str = "test_targets_bop19.json") -> list[tuple[int, int, int, int]]:
         """Return (scene, image, object, number of instances) of what is to be estimated."""
-        listed = json.loads((self.folder / name).read_text("utf-8"))
+        path = self.folder / name
+        keys = ("scene_id", "im_id", "obj_id", "inst_count")
         return [
-            (
-                int(target["scene_id"]),
-                int(target["im_id"]),
-                int(target["obj_id"]),
-                int(target["inst_count"]),
+            (numbers[0], numbers[1], numbers[2], numbers[3])
+            for numbers in (
+                [int(_numbers(path, target, key)) for key in keys] for target in _read_json(path)
             )
-            for target in listed
         ]
 
     def views(
@@ -171,13 +178,16 @@ class BopDataset:
         info = self._info.get(str(object_id))
         if info is None:
             raise ValueError(f"{folder / 'models_info.json'}: no object {object_id}")
-        mesh = trimesh.load(folder / f"obj_{object_id:06d}.ply", process=False, force="mesh")
+        path = folder / f"obj_{object_id:06d}.ply"
+        if not path.is_file():
+            raise ValueError(f"{path}: no such mesh")
+        mesh = trimesh.load(path, process=False, force="mesh")
         if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-            raise ValueError(f"obj_{object_id:06d}.ply: not a mesh")
+            raise ValueError(f"{path}: not a mesh")
         return BopModel(
             np.asarray(mesh.vertices, np.float64) * _MM,
             np.asarray(mesh.faces, np.int64),
-            float(info["diameter"]) * _MM,
+            float(_numbers(folder / "models_info.json", info, "diameter")) * _MM,
             _symmetries(info),
         )
 
@@ -191,15 +201,33 @@ def _read_json(path: Path, default: Any = None) -> Any:
         raise ValueError(f"{path}: {error}") from error
 
 
+def _numbers(path: Path, entry: Any, key: str, *shape: int) -> Float64Array:
+    """Return the numbers of an entry of a file in the shape that its format has."""
+    if not isinstance(entry, dict) or key not in entry:
+        raise ValueError(f"{path}: an entry lacks {key}")
+    try:
+        return np.asarray(entry[key], np.float64).reshape(shape)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {key} is {entry[key]!r:.60}; {error}") from None
+
+
 def _frame(folder: Path, number: int, camera: dict[str, Any]) -> Frame:
-    depth = cv2.imread(str(folder / "depth" / f"{number:06d}.png"), cv2.IMREAD_UNCHANGED)
-    if depth is None:
-        raise ValueError(f"{folder}/depth/{number:06d}.png: no depth image")
-    k = np.asarray(camera["cam_K"], np.float64).reshape(3, 3)
+    path, told = folder / "depth" / f"{number:06d}.png", folder / "scene_camera.json"
+    depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+    if depth is None or depth.ndim != 2 or depth.dtype != np.uint16:
+        raise ValueError(f"{path}: no depth image of 16 bits")
+    k = _numbers(told, camera, "cam_K", 3, 3)
     height, width = depth.shape[:2]
-    lens = Intrinsics(width, height, *(float(k[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))))
-    depth_m = np.asarray(depth, np.float32) * np.float32(float(camera["depth_scale"]) * _MM)
-    return Frame(depth_m, lens, _colour(folder, number))
+    try:
+        lens = Intrinsics(width, height, *(float(k[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))))
+    except ValueError as error:
+        raise ValueError(f"{told}: image {number}: {error}") from None
+    depth_m = np.asarray(depth, np.float32)
+    depth_m *= np.float32(float(_numbers(told, camera, "depth_scale")) * _MM)
+    colour = _colour(folder, number)
+    if colour is not None and colour.shape[:2] != depth.shape:
+        raise ValueError(f"{path}: {depth.shape} pixels, its colour image {colour.shape[:2]}")
+    return Frame(depth_m, lens, colour)
 
 
 def _colour(folder: Path, number: int) -> NDArray[np.uint8] | None:
@@ -215,15 +243,16 @@ def _colour(folder: Path, number: int) -> NDArray[np.uint8] | None:
 def _objects(
     folder: Path, number: int, true: list[dict[str, Any]], info: list[dict[str, Any]]
 ) -> Iterator[BopObject]:
+    told = folder / "scene_gt.json"
     for k, entry in enumerate(true):
         pose = np.eye(4)
-        pose[:3, :3] = np.asarray(entry["cam_R_m2c"], np.float64).reshape(3, 3)
-        pose[:3, 3] = np.asarray(entry["cam_t_m2c"], np.float64) * _MM
+        pose[:3, :3] = _numbers(told, entry, "cam_R_m2c", 3, 3)
+        pose[:3, 3] = _numbers(told, entry, "cam_t_m2c", 3) * _MM
         path = folder / "mask_visib" / f"{number:06d}_{k:06d}.png"
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
         visible = float(info[k]["visib_fract"]) if k < len(info) else None
         mask = None if image is None else np.asarray(image > 0)
-        yield BopObject(int(entry["obj_id"]), pose, visible, mask)
+        yield BopObject(int(_numbers(told, entry, "obj_id")), pose, visible, mask)
 
 
 def _symmetries(info: dict[str, Any]) -> Float64Array:
