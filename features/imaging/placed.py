@@ -18,10 +18,15 @@ from features.geometry import Float64Array, FloatArray, Intrinsics, transform
 from features.imaging.camera import camera_of_grid
 from features.imaging.doubts import doubtful_frame
 
-__all__ = ["camera_of_placed_grid", "in_camera_frame"]
+__all__ = ["camera_of_placed_grid", "in_camera_frame", "on_pixels"]
 
 _MIN_POINTS, _MAX_FITTED = 200, 2_000
 _MAX_ERROR_PX = 0.75
+_ALL, _WIDEST = 0.995, float(np.tan(np.deg2rad(60)))
+"""Share of the points, and the slope to the axis, that one camera sees."""
+_SLOPE_DIGITS, _MAX_OFF_PX = 5, 0.15
+_MAX_EMPTY = 12
+"""Pixels for each point: a cloud of one thing leaves most of its image empty."""
 _MAX_SKEW, _MAX_STRETCH = 0.01, 0.05
 """Of a pixel, as shares of the focal length: sensors have square ones."""
 
@@ -37,12 +42,29 @@ def in_camera_frame(cloud: Cloud) -> tuple[Cloud, str]:
         return _from_viewpoint(cloud, _inverse(cloud.viewpoint))
     placed = camera_of_placed_grid(cloud.grid()[0]) if cloud.is_organised else None
     if placed is None:
-        return cloud, doubtful_frame(cloud.positions, cloud.frame_id)
+        return _of_drawing(cloud)
     x, y, z = placed[1][:3, 3].round(3) + 0.0  # -0.000 would be read as a side
     return _moved(cloud, _inverse(placed[1])), (
         f"its rows and columns show a camera at ({x:.3f}, {y:.3f}, {z:.3f}) m in its frame: read "
         "in the frame of that camera"
     )
+
+
+def _of_drawing(cloud: Cloud) -> tuple[Cloud, str]:
+    """Return a cloud in the axes of drawings (y up, z backward) in those of a camera.
+
+    So RealSense's viewer and most programs that draw export what a camera sees.
+    """
+    doubt = doubtful_frame(cloud.positions, cloud.frame_id)
+    x, y, z = cloud.positions.T
+    if not doubt or not len(z) or (z < 0).mean() < _ALL:
+        return cloud, doubt
+    if np.quantile(np.hypot(x, y) / np.maximum(-z, 1e-6), _ALL) > _WIDEST:
+        return cloud, doubt
+    turned = _moved(cloud, np.diag([1.0, -1.0, -1.0, 1.0]))
+    if doubtful_frame(turned.positions, ""):
+        return cloud, doubt
+    return turned, "all of it has z < 0: read in the axes of drawings, y up and z backward"
 
 
 def _from_viewpoint(cloud: Cloud, camera_from_cloud: Float64Array) -> tuple[Cloud, str]:
@@ -152,3 +174,58 @@ def _projection(places: Float64Array, u: NDArray[np.intp], v: NDArray[np.intp]) 
     source[:3, 3] = -middle / spread
     projection: Float64Array = pixels @ smallest @ source
     return projection
+
+
+def on_pixels(cloud: Cloud) -> Cloud | None:
+    """Return a cloud without rows on the pixels that it was measured on; None if on none.
+
+    A cloud that was exported from one depth image has its rays still: their slopes are those of
+    columns and rows, one pixel apart.
+
+    Parameters
+    ----------
+    cloud
+        In the frame of its camera; the result has as many points, and a place for each.
+
+    Examples
+    --------
+    >>> v, u = np.divmod(np.arange(0, 600, 2), 30)
+    >>> z = np.random.default_rng(0).uniform(0.5, 1, 300)
+    >>> seen = np.stack([(u - 14.5) / 40 * z, (v - 9.5) / 40 * z, z], axis=1).astype(np.float32)
+    >>> on_pixels(Cloud(seen)).shape
+    (20, 15)
+    """
+    if len(cloud) < _MIN_POINTS or (cloud.positions[:, 2] <= 0).any():
+        return None
+    slopes = cloud.positions[:, :2].astype(np.float64) / cloud.positions[:, 2:]
+    across, down = _pixels(slopes[:, 0]), _pixels(slopes[:, 1])
+    if across is None or down is None:
+        return None
+    width, height = int(across.max()) + 1, int(down.max()) + 1
+    places = down * width + across
+    if width * height > _MAX_EMPTY * len(cloud) or len(np.unique(places)) < len(cloud):
+        return None
+    return replace(cloud, shape=(height, width), places=places)
+
+
+def _pixels(slopes: Float64Array) -> NDArray[np.int64] | None:
+    """Return the column (n,) of each slope if all of them lie on equal steps; else nothing."""
+    columns = np.unique(np.round(slopes, _SLOPE_DIGITS))
+    # One column may be rounded both ways.
+    columns = columns[np.diff(columns, prepend=-np.inf) > 1.5 * 10.0**-_SLOPE_DIGITS]
+    gaps = np.diff(columns)
+    if len(gaps) < 2:
+        return None
+    # Over hundreds of columns the error of one step adds up, but that of their mean does not.
+    pitch = float(gaps[gaps < 1.5 * np.median(gaps)].mean())
+    for _ in range(2):
+        numbers = np.rint((slopes - slopes.min()) / pitch)
+        if not numbers.any():
+            return None
+        pitch, start = (float(n) for n in np.polyfit(numbers, slopes, 1))
+    off = np.abs((slopes - start) / pitch - np.rint((slopes - start) / pitch))
+    if np.quantile(off, 0.99) > _MAX_OFF_PX:
+        return None
+    numbers = np.rint((slopes - start) / pitch)
+    steps = numbers.astype(np.int64)
+    return steps - int(steps.min())

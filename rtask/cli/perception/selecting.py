@@ -78,6 +78,7 @@ def objects_in(
     from features.geometry import Frame
     from features.imaging.camera import frame_of_grid
     from features.imaging.photo import Photo
+    from features.imaging.placed import on_pixels
 
     seen = read_view(file, view)
     try:
@@ -86,12 +87,14 @@ def objects_in(
         as_usual = preset == "auto" and selection == Selection()
         posed = posed_view(file, view, seen, is_cut_as_usual=as_usual)
         if not isinstance(seen, Frame):
-            grid = frame_of_grid(seen)
+            # A viewer's export has lost its rows, and still lies on the rays of its pixels.
+            whole = seen if seen.is_organised else on_pixels(seen)
+            grid = None if whole is None else frame_of_grid(whole)
             if grid is None:
                 raise UsageError(
-                    f"{file} is a cloud without an image, which recognition needs; give a "
-                    "photograph, a depth image and --colour, an organised cloud with colours, or a "
-                    "crop in the format that robots send"
+                    f"{file} is a cloud without an image, which recognition needs: give a "
+                    "photograph, a depth image and --colour, a cloud with colours whose points lie "
+                    "on the pixels of one camera, or a crop in the format that robots send"
                 )
             seen = grid
         if seen.rgb is None:

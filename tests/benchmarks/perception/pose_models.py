@@ -80,10 +80,13 @@ def name_of(scene: TableScene, thing: Thing) -> str:
 
 
 class Models:
-    """Models of all geometries met so far, from their meshes; printed ones know their colours."""
+    """Models of all geometries met so far, from their meshes; printed ones know their colours.
 
-    def __init__(self, prints: bool = False) -> None:
-        self.prints = prints
+    With ``textures`` those of a mesh with a texture know its colours, as models of views do.
+    """
+
+    def __init__(self, prints: bool = False, textures: bool = False) -> None:
+        self.prints, self.textures = prints, textures
         self._known: dict[str, PoseModel] = {}
 
     def stored(self, scene: TableScene, thing: Thing) -> PoseModel:
@@ -101,8 +104,20 @@ class Models:
     def of(self, thing: Thing) -> PoseModel:
         """Return the model of a thing, made from its mesh."""
         if thing.key not in self._known:
-            self._known[thing.key] = build_pose_model(*thing.load())
+            inks = _texture(thing) if self.textures else None
+            self._known[thing.key] = build_pose_model(*thing.load(), colours=inks)
         return self._known[thing.key]
+
+
+def _texture(thing: Thing) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return places (n, 3), m, on a mesh and their colours (n, 3) uint8; None without a mesh."""
+    import trimesh
+
+    if not thing.mesh:
+        return None
+    textured = trimesh.load(thing.mesh, force="mesh", process=False)
+    places, _, inks = trimesh.sample.sample_surface(textured, 20_000, sample_color=True, seed=0)
+    return places * thing.scale, np.asarray(inks)[:, :3].astype(np.uint8)
 
 
 class GrownModels(Models):

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from features.codec import decode
 from features.codec.types import Cloud
-from features.imaging.placed import camera_of_placed_grid, in_camera_frame
+from features.imaging.camera import frame_of_grid
+from features.imaging.placed import camera_of_placed_grid, in_camera_frame, on_pixels
 from tests.features.imaging.table_seen import BASE_FROM_CAMERA, CAMERA, in_base, points_of_table
 
 SEEN = points_of_table().astype(np.float32)
@@ -84,12 +85,18 @@ def test_a_cloud_of_a_robots_frame_without_rows_is_doubted(lift_m: float) -> Non
     assert "behind" in said
 
 
-@pytest.mark.parametrize(
-    "turn", [np.diag([1, -1, -1]), np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])]
-)
-def test_axes_of_drawings_and_of_vehicles_are_doubted(turn: np.ndarray) -> None:
-    # OpenGL looks along -z; a camera_link has x forward and z up (REP 103).
-    _, said = read(ply(SEEN @ turn.T.astype(np.float32)))
+@pytest.mark.parametrize("is_organised", [True, False])
+def test_axes_of_drawings_are_turned_into_those_of_a_camera(is_organised: bool) -> None:
+    # RealSense's viewer exports y up and z backward, as OpenGL draws.
+    drawn = SEEN * np.float32([1, -1, -1])
+    cloud, said = read(pcd(drawn) if is_organised else ply(drawn))
+    assert_as_seen(cloud)
+    assert "read in" in said
+
+
+def test_the_axes_of_a_vehicle_are_doubted() -> None:
+    # A camera_link has x forward and z up (REP 103).
+    _, said = read(ply(SEEN @ np.float32([[0, -1, 0], [0, 0, -1], [1, 0, 0]])))
     assert "behind the camera" in said
 
 
@@ -111,3 +118,28 @@ def test_many_points_at_the_origin_were_not_measured_and_one_may_be() -> None:
     many = np.concatenate([rows, np.zeros((len(rows) // 20, 3), np.float32)])
     assert len(decode(ply(many)).positions) == len(rows)
     assert len(decode(ply(np.concatenate([rows, np.zeros((1, 3))]))).positions) == len(rows) + 1
+
+
+def test_a_cloud_without_rows_is_laid_on_the_pixels_that_it_was_measured_on() -> None:
+    points = SEEN[np.isfinite(SEEN[..., 2])]
+    shuffled = np.random.default_rng(2).permutation(points)
+    colours = (np.abs(shuffled) * 200).clip(0, 255).astype(np.uint8)
+    whole = on_pixels(Cloud(shuffled, colours))
+    assert whole is not None
+    assert np.array_equal(whole.positions, shuffled)
+    frame = frame_of_grid(whole)
+    assert frame is not None
+    assert frame.intrinsics.fx == pytest.approx(CAMERA.fx, rel=1e-4)
+    kept = SEEN[np.isfinite(SEEN[..., 2]).any(axis=1)][:, np.isfinite(SEEN[..., 2]).any(axis=0)]
+    assert np.array_equal(frame.depth_m > 0, np.isfinite(kept[..., 2]))
+
+
+def test_points_of_no_camera_are_laid_on_no_pixels() -> None:
+    rng = np.random.default_rng(3)
+    scattered = rng.uniform(0.5, 1.0, (3000, 3)).astype(np.float32)
+    assert on_pixels(Cloud(scattered)) is None
+    turned = in_base(SEEN[np.isfinite(SEEN[..., 2])]).astype(np.float32) + np.float32(2)
+    assert on_pixels(Cloud(turned)) is None
+    assert on_pixels(Cloud(scattered - np.float32(0.7))) is None
+    twice = SEEN[np.isfinite(SEEN[..., 2])]
+    assert on_pixels(Cloud(np.concatenate([twice, twice]))) is None  # two looks in one file
