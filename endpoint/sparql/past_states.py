@@ -187,12 +187,12 @@ class PastStates:
 
 
 def _require_near(kb: KnowledgeBase, seq: int) -> None:
-    """Refuse a state from before more changes than a request may undo."""
-    undone = kb.changed_since(seq)
+    """Refuse a state which is further from the nearest kept one than a request may replay."""
+    undone = kb.replayed_for(seq)
     if undone > _MAX_UNDONE:
         raise TooLargeError(
-            f"{undone} statements have changed since commit {seq}, and a query "
-            f"undoes {_MAX_UNDONE}; on the server, kb.as_of has no such limit",
+            f"{undone} statements have changed between commit {seq} and the nearest state that is "
+            f"kept, and a query undoes {_MAX_UNDONE}; on the server, kb.as_of has no such limit",
             limit=_MAX_UNDONE,
         )
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from rtask.kb.base import GraphBase
 from rtask.kb.commit.commit import Change
 from rtask.kb.durability.journal import JournalFile
-from rtask.kb.feed.as_of import commit_at
+from rtask.kb.feed.as_of import commit_at, replayed_for
 from rtask.kb.feed.history import HistoryEntry, Period, history, matcher
 from rtask.kb.feed.subscriptions import QUEUE, Filter, Subscription
 from rtask.rdf.terms import (
@@ -107,6 +107,13 @@ class Watching(GraphBase):
         if not isinstance(journal, JournalFile):
             return 0
         return sum(mark.changed for mark in journal.marks.after(seq))
+
+    def replayed_for(self, seq: int) -> int:
+        """Return how many statements are replayed for the state after a commit.
+
+        From the nearest state that is kept, or from the current one.
+        """
+        return replayed_for(self._files, seq)
 
     def history(
         self,

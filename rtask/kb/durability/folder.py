@@ -11,6 +11,7 @@
         blobs/            byte strings by digest
         published/        snapshots for processes that read beside the writer
         followers/        their copies, which they keep current
+        past/             copies of earlier states, see :mod:`rtask.kb.durability.ladder`
         branches/         copies that are written beside it, see :mod:`rtask.kb.branches`
 """
 
@@ -26,6 +27,7 @@ from rtask.errors import StoreError, StoreFormatError, StoreLockedError
 from rtask.kb.durability.blobs import BlobStore
 from rtask.kb.durability.disk_space import Reserve, full_disk, means_full
 from rtask.kb.durability.journal import JournalFile, JournalWithHistory, NoJournal
+from rtask.kb.durability.ladder import Ladder
 from rtask.kb.durability.lock import FolderLock
 from rtask.kb.durability.private_copy import PastCopy, PrivateCopy
 from rtask.kb.durability.published import HeldSnapshot, hold_newest
@@ -58,6 +60,8 @@ class Files:
         copy of one: kept current, or turned back to an earlier commit.
     is_branch
         Whether these are the files of a branch, which is written without checkpoints.
+    ladder
+        Kept copies of earlier states; ``None`` where this process does not write the folder.
     """
 
     settings: Settings
@@ -71,6 +75,7 @@ class Files:
     may_be_ahead: bool = False
     held: HeldSnapshot | PrivateCopy | PastCopy | None = None
     is_branch: bool = False
+    ladder: Ladder | None = None
 
     @property
     def is_frozen(self) -> bool:
@@ -199,6 +204,7 @@ def _open_locked(
         checkpoints,
         recovered.last_seq,
         recovered.may_be_ahead,
+        ladder=Ladder(folder, recovered.settings.epoch, journal),
     )
 
 

@@ -114,6 +114,20 @@ class JournalMarks:
             first = bisect_right(segment.seqs, seq)
             yield from (segment.mark(k) for k in range(first, len(segment.seqs)))
 
+    def between(self, after: int, upto: int) -> Iterator[Mark]:
+        """Yield the marks of the commits after one and up to another, oldest first."""
+        for segment in self._current():
+            first, end = bisect_right(segment.seqs, after), bisect_right(segment.seqs, upto)
+            yield from (segment.mark(k) for k in range(first, end))
+
+    def changed(self, after: int, upto: int) -> int:
+        """Return how many statements the commits after one and up to another added and removed."""
+        total = 0
+        for segment in self._current():
+            first, end = bisect_right(segment.seqs, after), bisect_right(segment.seqs, upto)
+            total += sum(segment.changed[first:end])
+        return total
+
     def at(self, time: dt.datetime) -> tuple[Mark | None, Mark | None]:
         """Return the first mark of all, and the last one whose clock showed no later time.
 

@@ -1,12 +1,17 @@
-"""Earlier states of a graph: a copy of the current state with later commits undone.
+"""Earlier states of a graph: a copy of the nearest kept state with the commits between replayed.
 
-The copy consists of hard links, so it costs as much as the commits to undo, whatever the size of
-the graph.
+The copy consists of hard links, so it costs as much as the commits to replay, whatever the size of
+the graph. States are kept by the :class:`rtask.kb.durability.ladder.Ladder` of the folder: the first
+question about a stretch of the past pays for the way there, and those that follow do not.
 """
 
 from __future__ import annotations
 
 import datetime as dt
+import shutil
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from pyoxigraph import NamedNode, Store
@@ -18,14 +23,19 @@ from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.disk_space import full_disk, means_full
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.journal import JournalFile, NoJournal, Record
+from rtask.kb.durability.ladder import SPACING, Ladder, Rung
 from rtask.kb.durability.private_copy import PastCopy
-from rtask.kb.durability.recovery import undo_all
+from rtask.kb.durability.recovery import replay_all, undo_all
 from rtask.kb.feed.feed import Feed
 from rtask.kb.store.embedded import EmbeddedStore, embedded_store
 from rtask.kb.store.graphs import Graphs
 
-__all__ = ["commit_at", "copy_as_of", "may_lack_some", "records_after", "turn_back"]
+__all__ = [
+    "commit_at", "copy_as_of", "may_lack_some", "records_after", "replayed_for", "turn_back",
+]  # fmt: skip
 
+_LAST = sys.maxsize
+"""Stands for the last commit: the copy of the current state may hold one more than is known."""
 _FLUSHED_BYTES = 1 << 20
 """Undone text from which the copy is flushed: less is read anew from its log by each reader."""
 
@@ -94,6 +104,8 @@ def copy_as_of(
     except BaseException as error:
         held.release()
         if means_full(error):
+            if files.ladder is not None:
+                files.ladder.clear()  # what can be made again gives way to what cannot
             raise full_disk(files.folder, "for a copy of an earlier state") from error
         raise
     return _closed_for_writing(files, graphs, store, held, seq)
@@ -116,35 +128,147 @@ def _turned_back(
 
 
 def turn_back(files: Files, graphs: Graphs, journal: JournalFile, path: str, seq: int) -> None:
-    """Copy the store of a graph, and undo in the copy the commits after one.
+    """Make the store of an earlier state, from the nearest one that is kept or from the current.
 
     Raises
     ------
     UnsupportedError
         A bulk load was made since then.
     """
+    ladder = files.ladder
+    for kept, distance in _sources(ladder, journal, seq):
+        if ladder is None or kept is None:
+            break
+        if ladder.copy(kept, Path(path)):
+            try:
+                _Replay(files, graphs, journal, path, kept.seq, seq, distance).run()
+                return
+            except UnsupportedError:  # a bulk load lies between; from the other side it does not
+                shutil.rmtree(path, ignore_errors=True)
     # A commit stored while copying may or may not be in the copy. Undoing one that is not does no
     # harm.
     with files.store.complete():
         embedded_store(files.store, "an earlier state").raw.backup(path)
-    store = EmbeddedStore(Store(path), path)
-    try:
-        store.is_view = files.settings.is_view
-        records = records_after(journal, seq)
-        undo_all(store, reversed(records), files.settings.is_merged)
-        # Counting graphs takes longer than undoing a few commits, so only where it can differ.
-        if not files.settings.plain and any(map(may_lack_some, records)):
-            _require_whole(store, graphs, Catalogue(store, graphs), seq)
-        if sum(len(record.body) for record in records) > _FLUSHED_BYTES:
+    distance = journal.marks.changed(seq, _LAST)
+    _Replay(files, graphs, journal, path, _LAST, seq, distance).run()
+
+
+def replayed_for(files: Files, seq: int) -> int:
+    """Return how many statements are replayed for an earlier state, from the nearest one kept."""
+    journal = files.journal
+    if not isinstance(journal, JournalFile):
+        return 0
+    return min(distance for _, distance in _sources(files.ladder, journal, seq))
+
+
+def _sources(
+    ladder: Ladder | None, journal: JournalFile, seq: int
+) -> list[tuple[Rung | None, int]]:
+    """Return the kept states beside a commit, and None for the current one, the nearest first."""
+    sources: list[tuple[Rung | None, int]] = [(None, journal.marks.changed(seq, _LAST))]
+    if ladder is not None and sources[0][1]:
+        sources += [(rung, ladder.distance(rung.seq, seq)) for rung in ladder.beside(seq)]
+    return sorted(sources, key=lambda source: source[1])
+
+
+@dataclass(frozen=True)
+class _Replay:
+    """Way from one state of a store to another, backwards or forwards through the journal.
+
+    Parameters
+    ----------
+    path
+        Folder of the store, which holds the state after ``source``.
+    source, seq
+        Numbers of the commits.
+    distance
+        Statements that the commits between changed.
+    """
+
+    files: Files
+    graphs: Graphs
+    journal: JournalFile
+    path: str
+    source: int
+    seq: int
+    distance: int
+
+    def run(self) -> None:
+        """Replay, and keep copies on the way if it is long.
+
+        Raises
+        ------
+        UnsupportedError
+            The journal does not hold all that changed on the way.
+        """
+        store = EmbeddedStore(Store(self.path), self.path)
+        settings = self.files.settings
+        try:
+            store.is_view = settings.is_view
+            size, is_whole = 0, True
+            for after, upto in self._stretches():
+                records = list(_records_between(self.journal, after, upto))
+                is_whole = is_whole and not any(map(may_lack_some, records))
+                if self.source > self.seq:
+                    undo_all(store, reversed(records), settings.is_merged)
+                    reached = after
+                else:
+                    if not records or records[0].seq != after + 1:
+                        raise UnsupportedError(f"the journal has no record of commit {after + 1}")
+                    replay_all(store, records, settings.is_merged)
+                    reached = upto
+                size += sum(len(record.body) for record in records)
+                self._keep(store, reached, is_whole)
+            # Counting graphs takes longer than undoing a few commits, so only where it can differ.
+            if not settings.plain and not is_whole:
+                _require_whole(store, self.graphs, Catalogue(store, self.graphs), self.seq)
+            if size > _FLUSHED_BYTES:
+                store.flush()
+        finally:
+            store.close()
+
+    def _stretches(self) -> Iterator[tuple[int, int]]:
+        """Yield the commits on the way, as (after, up to); a copy is kept after each piece."""
+        low, high = sorted((self.seq, self.source))
+        is_back = self.source > self.seq
+        if not self.distance:
+            return
+        if self.distance <= SPACING:
+            yield low, high
+            return
+        marks = list(self.journal.marks.between(low, high))
+        changed, start = 0, high if is_back else low
+        for mark in reversed(marks) if is_back else marks:
+            changed += mark.changed
+            if changed >= SPACING:
+                end = mark.seq - 1 if is_back else mark.seq
+                yield (end, start) if is_back else (start, end)
+                changed, start = 0, end
+        if start != self.seq:
+            yield (low, start) if is_back else (start, high)
+
+    def _keep(self, store: EmbeddedStore, reached: int, is_whole: bool) -> None:
+        """Keep a copy of a state on a long way, unless it may lack what was loaded in bulk."""
+        ladder = self.files.ladder
+        if ladder is not None and self.distance > SPACING and is_whole:
             store.flush()
-    finally:
-        store.close()
+            ladder.keep(store.raw, reached)
 
 
 def records_after(journal: JournalFile, seq: int) -> list[Record]:
     """Return the records after a commit, oldest first, without reading those before."""
     mark = next(journal.marks.after(seq), None)
     return [] if mark is None else list(journal.records_from(mark.segment, mark.start))
+
+
+def _records_between(journal: JournalFile, after: int, upto: int) -> Iterator[Record]:
+    """Yield the records after a commit and up to another, oldest first."""
+    mark = next(journal.marks.after(after), None)
+    if mark is not None:
+        for record in journal.records_from(mark.segment, mark.start):
+            if record.seq > upto:
+                return
+            yield record
 
 
 def may_lack_some(record: Record) -> bool:

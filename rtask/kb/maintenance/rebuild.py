@@ -5,6 +5,7 @@ Both work on a folder that is not open. Replaced files are moved aside, never de
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -57,6 +58,8 @@ def rebuild_store(folder: Path) -> int:
             store.flush()
         finally:
             store.close()
+        # Copies of the damaged store may be damaged as well.
+        shutil.rmtree(folder / "past", ignore_errors=True)
         if (folder / "store").exists():
             _set_aside(folder / "store")
         discard_saved(folder)

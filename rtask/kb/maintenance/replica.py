@@ -41,7 +41,9 @@ __all__ = [
 
 _MARK = "follow.json"
 _INCOMING = "incoming"
-_REPLACED = ("store", "journal", "checkpoint.json", "published", "snapshots", "loading.json")
+_REPLACED = (
+    "store", "journal", "checkpoint.json", "published", "snapshots", "past", "loading.json",
+)  # fmt: skip
 _PIECE = 1 << 20
 
 
