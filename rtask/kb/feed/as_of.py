@@ -1,8 +1,8 @@
 """Earlier states of a graph: a copy of the nearest kept state with the commits between replayed.
 
 The copy consists of hard links, so it costs as much as the commits to replay, whatever the size of
-the graph. States are kept by the :class:`rtask.kb.durability.ladder.Ladder` of the folder: the first
-question about a stretch of the past pays for the way there, and those that follow do not.
+the graph. States are kept by the :class:`rtask.kb.durability.ladder.Ladder` of its folder: the
+first question about a stretch of the past pays for the way there, and those that follow do not.
 """
 
 from __future__ import annotations
