@@ -910,6 +910,8 @@ class DrawnNode(TypedDict):
     size: list[float]
     radius90: float | None
     still_there: float
+    somewhere: str
+    region: list[float]
 
 
 class DrawnScene(TypedDict):

@@ -26,6 +26,7 @@ __all__ = ["world"]
 _ADDRESS = "/world"
 _DRAWN_GRASPS = 0
 _MAX_SHOWN = 200
+_BEYOND = 0.03
 _MAX_AHEAD_S = 365 * 86_400.0
 """Of a time that is asked about, so that its calendar date can be computed."""
 
@@ -54,10 +55,18 @@ def world() -> Model:
         return {**model, "problem": str(error)}
     span = shown.index.moments(asked.time_s)
     if span is not None:
-        model["span"] = {**span._asdict(), "now_s": time.time()}
+        # A little beyond the last change, so that what it left can be slid to; not up to now, or
+        # the changes of a morning would all lie under one pixel of the slider a month later.
+        beyond_s = max(_BEYOND * (span.last_s - span.first_s), 1.0)
+        model["span"] = {**span._asdict(), "end_s": span.last_s + beyond_s}
         model["span"] |= {
             name: None if at is None else _stamp(at)
-            for name, at in (("before", span.before_s), ("after", span.after_s))
+            for name, at in (
+                ("first", span.first_s),
+                ("last", span.last_s),
+                ("before", span.before_s),
+                ("after", span.after_s),
+            )
         }
     return {**model, "scene": _shown(shown, scene), "is_now": asked.is_now,
             "exports": _exports(model["at"], asked.frame)}  # fmt: skip
@@ -137,7 +146,8 @@ def _node(scene: Scene, node: SceneNode, root_from_node: Any) -> Model:
     return {
         "kind": node.kind, "iri": node.iri, "label": node.label, "parent": node.parent,
         "above": scene.nodes[node.parent].label if node.parent is not None else "",
-        "pose": np.round(root_from_node, 5).tolist(), "size": node.size_m, **facts,
+        "pose": np.round(root_from_node, 5).tolist(), "size": node.size_m,
+        "region": node.region_m, **facts,
     }  # fmt: skip
 
 

@@ -43,7 +43,12 @@ def world_markers(scene: Mapping[str, Any], make: Make) -> Any:
     cleared = make("visualization_msgs/Marker")
     cleared.action, cleared.header.frame_id = _DELETE_ALL, scene["frame_id"]
     shown.markers = [cleared]
+    beside: dict[str, int] = {}
     for number, node in enumerate(scene["nodes"]):
+        if node.get("somewhere"):  # an older server does not say so
+            above = beside.setdefault(repr(node["pose"]), 0)
+            beside[repr(node["pose"])] += 1
+            node = {**node, "above": above}
         for marker in _NODES.get(node["kind"], _unknown)(node, make):
             marker.header.frame_id, marker.id = scene["frame_id"], number
             shown.markers.append(marker)
@@ -95,7 +100,28 @@ def _unknown(_node: Mapping[str, Any], _make: Make) -> Iterator[Any]:
     return iter(())
 
 
+def _somewhere(node: Mapping[str, Any], make: Make) -> Iterator[Any]:
+    """Draw the place in which a thing is, and its name, above those of others in there."""
+    if node["region"]:
+        length, width, rim = (float(side) for side in node["region"])
+        outline = _marker(make, "regions", _LINES, _DOUBT, 0.6, node["pose"])
+        outline.scale.x = _LINE_M
+        corners = [(a * length / 2, b * width / 2) for a, b in _CORNERS]
+        for end in zip(corners, corners[1:] + corners[:1], strict=True):
+            for x, y in end:
+                point = make("geometry_msgs/Point")
+                point.x, point.y, point.z = x, y, rim
+                outline.points.append(point)
+        yield outline
+    up_m = _TEXT_M * (2 + 1.2 * node["above"])
+    more = f": {node['somewhere']} {float(node['still_there']):.0%}"
+    yield _label(make, "thing names", node, up_m, more)
+
+
 def _thing(node: Mapping[str, Any], make: Make) -> Iterator[Any]:
+    if node.get("somewhere"):
+        yield from _somewhere(node, make)
+        return
     size = node["size"] or [_DOT_M] * 3
     sure = min(max(float(node["still_there"]), 0.0), 1.0)
     kind = _CUBE if node["size"] else _SPHERE

@@ -55,9 +55,10 @@ WHERE {
 
 
 class Moments(NamedTuple):
-    """Unix times, s, of the first placement, and of the changes before and after an instant."""
+    """Unix times, s, of the first and the last change, and of those before and after an instant."""
 
     first_s: float
+    last_s: float
     before_s: float | None
     after_s: float | None
 
@@ -308,8 +309,12 @@ class PlacementIndex:
             first += self._first_staying(self._begins, self._by_begin)
             if not first:
                 return None
+            last = [moment for moment in tail if moment < _NEVER]
+            for times, order in ((self._begins, self._by_begin), (self._ends, self._by_end)):
+                high = int(np.searchsorted(times, _NEVER, side="left", sorter=order))
+                last += self._first_staying(times, order[:high][::-1])
             return Moments(
-                min(first), max(before, default=None),
+                min(first), max(last), max(before, default=None),
                 min((moment for moment in after if moment < _NEVER), default=None),
             )  # fmt: skip
 

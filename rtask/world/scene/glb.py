@@ -22,6 +22,7 @@ from rtask.world.scene.nodes import (
     SceneSurface,
     box_corners,
     grasp_lines,
+    region_lines,
     wall_boxes,
 )
 
@@ -111,6 +112,9 @@ class _Document:
         elif node.surface is not None:
             surface, colour = node.surface, _colour(node)
             key, build = (id(surface), colour), lambda: self._surface(surface, colour)
+        elif node.region_m is not None:
+            region = node.region_m
+            key, build = ("region", region), lambda: self._region(region)
         elif node.size_m is not None:
             size, colour = node.size_m, _colour(node)
             boxes = wall_boxes(size) if node.kind == "place" else [box_corners(size)]
@@ -131,6 +135,9 @@ class _Document:
 
     def _grasp(self, opening_m: float) -> list[dict[str, Any]]:
         return [self._primitive(grasp_lines(opening_m).reshape(-1, 3), _LINES, _GRASP)]
+
+    def _region(self, size_m: tuple[float, float, float]) -> list[dict[str, Any]]:
+        return [self._primitive(region_lines(size_m).reshape(-1, 3), _LINES, _DOUBTFUL)]
 
     def _surface(self, surface: SceneSurface, colour: tuple[float, ...]) -> list[dict[str, Any]]:
         """Return what was seen of a surface, and what was filled in, in grey."""

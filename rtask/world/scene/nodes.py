@@ -18,6 +18,7 @@ __all__ = [
     "Unplaced",
     "box_corners",
     "grasp_lines",
+    "region_lines",
     "wall_boxes",
 ]
 
@@ -71,6 +72,10 @@ class SceneNode:
         the surface.
     opening_m
         Of the jaws of a grasp.
+    region_m
+        Of a thing whose own pose nobody knows, the size of the place somewhere on or in which it
+        is, as of a place; its pose is that of the place. None for others, and where that is not
+        known.
     surface
         Reconstructed surface of a thing's product, drawn in place of the box; None if there is no
         current one. Its parts that nobody has seen are drawn in grey.
@@ -85,6 +90,7 @@ class SceneNode:
     parent_from_node: NDArray[np.float64]
     size_m: tuple[float, float, float] | None = None
     opening_m: float = _DEFAULT_OPENING_M
+    region_m: tuple[float, float, float] | None = None
     surface: SceneSurface | None = None
     facts: dict[str, Fact] = field(default_factory=dict)
 
@@ -147,6 +153,19 @@ def grasp_lines(opening_m: float) -> NDArray[np.float64]:
         [(half, 0, -_FINGER_M), (-half, 0, -_FINGER_M)],
         [(0, 0, -_FINGER_M), (0, 0, -_FINGER_M - _STEM_M)],
     ])  # fmt: skip
+
+
+def region_lines(size_m: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Return the edges (n, 2, 3), m, of the space within a place; four of one without a rim.
+
+    >>> len(region_lines((0.4, 0.3, 0.1))), len(region_lines((0.4, 0.3, 0.0)))
+    (12, 4)
+    """
+    corners = box_corners(size_m)
+    edges = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
+    if not size_m[2]:
+        edges = [(a, b) for a, b in edges if not (a % 2 or b % 2)]
+    return np.asarray(corners[np.array(edges)])
 
 
 def wall_boxes(size_m: tuple[float, float, float]) -> list[NDArray[np.float64]]:

@@ -167,6 +167,12 @@ class _Reader:
         grasps = grasps_of(self.world.kb, set(products.values()) - {""}, max_grasps)
         for thing in shown:
             product = products[thing.iri]
+            if thing.placement.frame_from_subject is None:
+                # A box, or a grasp, at a pose that nobody knows would be a picture of a guess.
+                add("thing", thing.iri, thing.parent, thing.parent_from_exemplar,
+                    region_m=self._region(thing.placement.place),
+                    facts=self._facts(thing, product))  # fmt: skip
+                continue
             add("thing", thing.iri, thing.parent, thing.parent_from_exemplar,
                 size_m=self._size(product), surface=self._surface(product),
                 facts=self._facts(thing, product))  # fmt: skip
@@ -225,7 +231,13 @@ class _Reader:
             "since": placement.begin, "seen": min(placement.confirmed, self.time_s),
             "poseOf": "thing" if placement.frame_from_subject is not None else "place",
         }  # fmt: skip
+        if placement.frame_from_subject is None:
+            words = "somewhere on" if placement.relation == "on" else "somewhere in"
+            facts["somewhere"] = f"{words} {facts['placeLabel']}"
         return {name: value for name, value in facts.items() if value != ""}
+
+    def _region(self, place: str) -> tuple[float, float, float] | None:
+        return size_of(self.world.kb, place, self.world.product_of(place))
 
     def _surface(self, product: str) -> SceneSurface | None:
         """Return the current surface of a product; equal products share it."""

@@ -24,6 +24,7 @@ from rtask.world.scene.nodes import (
     SceneSurface,
     box_corners,
     grasp_lines,
+    region_lines,
     wall_boxes,
 )
 
@@ -117,6 +118,9 @@ def _shape(node: SceneNode) -> list[str]:
         return _curves(grasp_lines(node.opening_m), colour)
     if node.surface is not None:
         return _surface(node.surface, _COLOURS[node.kind])
+    if node.region_m is not None:
+        grey = f"color3f[] primvars:displayColor = [{_tuple(_UNSEEN)}]"
+        return _curves(region_lines(node.region_m), grey)
     if node.size_m is None:
         return []
     is_place = node.kind == "place"

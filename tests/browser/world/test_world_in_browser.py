@@ -45,7 +45,7 @@ def test_sliding_to_a_time_draws_and_lists_what_was_there(
     with open_page(browser, site.url, **LOOKS[look]) as page:
         page.set_viewport_size({**LOOKS[look]["viewport"], **_narrow(look)})
         page.goto(f"{site.url}/world")
-        slider = page.get_by_label("Slide from the first report to now")
+        slider = page.get_by_label("Slide from the first change to the last")
         drawing = page.locator("[data-drawing]")
         page.get_by_text("1 thing, 1 robot in the frame map").wait_for()
         assert drawing.get_by_text("blue cup").count() == 0

@@ -242,3 +242,34 @@ def test_names_of_any_kind_become_valid_and_unique_names_of_prims() -> None:
         text.count("{") - text.count("}")
         == usda(Scene(0.0, (root,))).count("{") - usda(Scene(0.0, (root,))).count("}") + 1
     )  # the one in the name
+
+
+def test_what_is_somewhere_in_a_box_is_an_outline_of_the_box_and_no_thing_at_a_pose(
+    lab: Lab, scene: Scene
+) -> None:
+    """Nobody saw where in the box they lie: a box or a grasp there would be a guess."""
+    lab.kb.update(f"""{PREFIXES} INSERT DATA {{ GRAPH <{BASE}graph/shared> {{
+      <{lab.left_box}> rt:bodyFrame <{lab.left_box}/frame> ; rt:surfaceLength 0.3e0 ;
+        rt:surfaceWidth 0.2e0 ; rt:rimHeight 0.1e0 .
+      <{lab.left_box}/frame> a rt:Frame ; rt:frameId "left box" }} }}""")
+    lab.stand(f"{lab.left_box}/frame", lab.map, 1.0, 1.0, 0.0)
+    (cup, _) = [node for node in scene.nodes if node.kind == "thing"]
+    assert any(node.kind == "grasp" and node.parent == scene.nodes.index(cup)
+               for node in scene.nodes)  # fmt: skip
+    lab.put(cup.iri, "in", lab.left_box, 95.0)
+    shown = lab.kb.world.scene(lab.noon + 100.0)
+    inside = [node for node in shown.nodes if node.facts.get("poseOf") == "place"]
+    assert {node.facts["somewhere"] for node in inside} == {"somewhere in left box"}
+    assert [(node.size_m, node.surface, node.region_m) for node in inside] == [
+        (None, None, (0.3, 0.2, 0.1))
+    ] * 2
+    numbers = {shown.nodes.index(node) for node in inside}
+    assert not any(node.kind == "grasp" and node.parent in numbers for node in shown.nodes)
+    trimesh = pytest.importorskip("trimesh")
+    loaded = trimesh.load(io.BytesIO(glb(shown)), file_type="glb")
+    outlines = [mesh for mesh in loaded.geometry.values()
+                if np.allclose(np.ptp(mesh.bounds, axis=0), (0.3, 0.2, 0.1))]  # fmt: skip
+    assert outlines
+    assert not any(hasattr(mesh, "faces") for mesh in outlines if len(mesh.vertices) == 24)
+    text = usda(shown)
+    assert text.count('string rtask:somewhere = "somewhere in left box"') == 2

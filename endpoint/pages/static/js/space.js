@@ -8,6 +8,7 @@ const KEY_TURN = Math.PI / 24;
 const FILLS = 0.8; // share of the window that things take up
 const MIN_SIZE_M = 0.2;
 const ON_TOP_M = 1e6;
+const EDGE_PX = 4;
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const made = (name, attributes) => {
@@ -101,7 +102,16 @@ export class SpaceView {
     this.svg.setAttribute("viewBox", `0 0 ${this.svg.clientWidth} ${this.svg.clientHeight}`);
     const drawn = this.#things.flatMap((thing) => this.#drawn(thing)).sort((a, b) => a[0] - b[0]);
     this.svg.replaceChildren(...this.#floor(), ...drawn.map(([, shape]) => shape));
+    for (const label of this.svg.querySelectorAll("text.label")) this.#keepInside(label);
     this.svg.dataset.drawn = String(Number(this.svg.dataset.drawn ?? 0) + 1);
+  }
+
+  /** Shift a name that would be cut off at the edge of the window, if its place is inside. */
+  #keepInside(label) {
+    const [x, box, window] = [Number(label.getAttribute("x")), label.getBoundingClientRect(), this.svg.getBoundingClientRect()];
+    if (x < 0 || x > this.svg.clientWidth) return;
+    const shift = Math.max(Math.min(0, window.right - EDGE_PX - box.right), window.left + EDGE_PX - box.left);
+    if (shift < 0) label.setAttribute("x", x + shift);
   }
 
   /** Return pairs of nearness and shape. */

@@ -10,6 +10,7 @@ const ROBOT_M = 0.08;
 const REACH_M = 0.4; // of a robot, to either side: so much round it is shown
 const RIM_M = 0.05;
 const ABOVE_M = 0.08; // of the names of what lies in a place, above that of the place
+const MAX_NAMES = 3; // of what is somewhere in one place
 const PROBABLE = 0.5;
 const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
 const RELATIONS = { on: "on", in: "in", held_by: "held by", at: "" };
@@ -84,7 +85,7 @@ function list(scene, find) {
   find("things").replaceChildren(...things.map((node) => element("tr", {},
     cell("Thing", about(node)),
     cell("In frame", node.above),
-    cell("x, y, z (m)", [0, 1, 2].map((axis) => node.pose[axis][3].toFixed(3)).join(", ")),
+    cell("x, y, z (m)", node.somewhere ? "not known" : [0, 1, 2].map((axis) => node.pose[axis][3].toFixed(3)).join(", ")),
     cell("Place", `${RELATIONS[node.relation]} ${node.placeLabel ?? ""}`),
     cell("Still there", about(node, `${Math.round(100 * node.stillThere)} %`, { class: "figure", "data-figure": "", title: "Why? What this rests on" })),
     cell("Last seen", when(node.seen)))));
@@ -133,7 +134,8 @@ function shapesOf(scene) {
         // A table is a plate; a box has walls as high as its rim.
         for (const [a, b] of EDGES) if (node.size[2] || (a % 2 === 0 && b % 2 === 0)) things.push({ kind: "line", points: [corners[a], corners[b]], look: "place" });
       }
-      things.push({ kind: "label", at: at(node.pose, [node.size ? node.size[0] / 2 : 0, 0, 0]), text: node.label, look: "place" });
+      const where = JSON.stringify(node.pose); // where its name is in that of what lies there
+      if (!scene.nodes.some((one) => one.somewhere && JSON.stringify(one.pose) === where)) things.push({ kind: "label", at: at(node.pose, [node.size ? node.size[0] / 2 : 0, 0, 0]), text: node.label, look: "place" });
     } else if (node.kind === "thing" && node.poseOf === "place") {
       const where = JSON.stringify(node.pose);
       if (!within.has(where)) within.set(where, { node, names: [] });
@@ -150,8 +152,13 @@ function shapesOf(scene) {
     }
   }
   for (const { node, names } of within.values()) {
-    things.push({ kind: "ball", at: at(node.pose, [0, 0, DOT_M / 2]), radius: DOT_M / 2, look: "thing" });
-    things.push({ kind: "label", at: at(node.pose, [0, 0, ABOVE_M]), text: names.join(", "), look: "thing" });
+    if (node.region) {
+      const corners = boxOf({ pose: node.pose, size: node.region });
+      points.push(...corners);
+      things.push({ kind: "line", points: [0, 2, 6, 4, 0].map((corner) => corners[corner + 1]), look: "other" });
+    }
+    const shown = names.length > MAX_NAMES ? [...names.slice(0, MAX_NAMES), `${names.length - MAX_NAMES} more`] : names;
+    things.push({ kind: "label", at: at(node.pose, [0, 0, ABOVE_M]), text: `${node.somewhere}: ${shown.join(", ")}`, look: "thing" });
   }
   return { things, points };
 }

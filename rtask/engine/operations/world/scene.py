@@ -42,7 +42,7 @@ class DrawnNode(Answer):
     label: str
     pose: Json
     """geometry_msgs/Pose in the root of the tree; of a thing, the middle of its footprint; of a
-    place, the middle of its surface"""
+    place, the middle of its surface; of a thing that is somewhere in a place, that of the place"""
     size: list[float]
     """extents of a thing's box along x, y and z, m, or length and width of a place and the height
     of its rim; empty if they are not known"""
@@ -51,6 +51,12 @@ class DrawnNode(Answer):
     others"""
     still_there: float
     """chance that a thing is still there; 1 for others"""
+    somewhere: str
+    """in words where a thing is whose own pose nobody knows, such as "somewhere in left box"; empty
+    for others"""
+    region: list[float]
+    """size of the place in which such a thing is somewhere, m; empty for others, and if it is not
+    known"""
 
 
 class DrawnScene(Answer):
@@ -90,10 +96,12 @@ def _drawn(scene: Scene, most: int) -> DrawnScene:
             size=list(node.size_m or ()),
             radius90=(
                 Spread(float(node.facts["sigma_m"]), 1.0, 0.0).radius(_CHANCE)
-                if "sigma_m" in node.facts
+                if "sigma_m" in node.facts and "somewhere" not in node.facts
                 else None
             ),
             still_there=float(node.facts.get("stillThere", 1.0)),
+            somewhere=str(node.facts.get("somewhere", "")),
+            region=list(node.region_m or ()),
         )
         for node, pose in zip(scene.nodes[:most], poses[:most], strict=True)
     ]

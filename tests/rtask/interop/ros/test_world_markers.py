@@ -79,6 +79,24 @@ def test_tables_are_plates_and_boxes_have_rims(make: Make) -> None:
     assert len(rim.points) == 16
 
 
+def test_things_somewhere_in_a_box_are_names_one_above_the_other_without_a_body(make: Make) -> None:
+    pose = {"position": {"x": 1.0, "y": 0.0, "z": 0.5},
+            "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}  # fmt: skip
+    nodes = [
+        {"kind": "thing", "node": f"urn:{name}", "label": name, "pose": pose, "size": [],
+         "radius90": None, "still_there": 0.9, "somewhere": "somewhere in left box",
+         "region": region}
+        for name, region in (("cup", [0.3, 0.2, 0.1]), ("tea", [0.3, 0.2, 0.1]), ("pen", []))
+    ]  # fmt: skip
+    found = by_namespace(world_markers({"frame_id": "map", "nodes": nodes}, make))
+    assert set(found) == {"regions", "thing names"}
+    assert len(found["regions"]) == 2
+    assert {round(point.z, 6) for point in found["regions"][0].points} == {0.1}
+    heights = [label.pose.position.z for label in found["thing names"]]
+    assert np.diff(heights).min() > 0.05
+    assert found["thing names"][0].text == "cup: somewhere in left box 90%"
+
+
 def test_more_nodes_than_asked_for_are_counted(lab: Lab, scene: dict[str, Any]) -> None:  # noqa: F811
     with Engine(lab.kb) as engine:
         asked = {"stamp": lab.noon + 100.0, "max_nodes": 2}
