@@ -20,6 +20,7 @@ from endpoint.monitoring.metrics import CONTENT_TYPE
 from endpoint.routes.addresses import QUERIES
 from endpoint.served import embedded
 from rtask.errors import UnsupportedError
+from rtask.kb.maintenance.backup import discard_unfinished
 
 _HISTORY = 200
 _COUNT_EVERY_S = 60.0
@@ -60,6 +61,7 @@ class AdminRoutes:
 
         def run() -> Response:
             target = context.config.backups_of(context.kb.folder) / backup_name()
+            discard_unfinished(target.parent)
             record = embedded(context.kb, "a backup").backup(target)
             context.audit.event("backup", folder=str(target), by=caller.name, seq=record["seq"])
             members = {**record, "folder": str(target)}

@@ -34,9 +34,10 @@ from rtask.kb.durability.settings import Settings, write_durably
 from rtask.kb.proposals.register import Proposals
 from rtask.kb.store.embedded import embedded_store
 
-__all__ = ["backup", "restore"]
+__all__ = ["backup", "discard_unfinished", "restore"]
 
 _FILE = "backup.json"
+_UNFINISHED = ".partial"
 
 
 def backup(files: Files, writer: Writer, target: Path, blobs: bool = True) -> dict[str, Any]:
@@ -86,7 +87,7 @@ def _named_once_whole(target: Path) -> Iterator[Path]:
 
     A lock tells the folder of a running backup from what a killed one left.
     """
-    partial = target.with_name(f"{target.name}.partial")
+    partial = target.with_name(target.name + _UNFINISHED)
     partial.mkdir(parents=True, exist_ok=True)
     try:
         lock = FolderLock(partial)
@@ -110,6 +111,28 @@ def _named_once_whole(target: Path) -> Iterator[Path]:
         raise
     finally:
         lock.release()
+
+
+def discard_unfinished(folder: Path) -> int:
+    """Remove what killed backups left in a folder of backups; return how many there were.
+
+    Their links keep files of the store that it has long replaced. Those that are being made, and
+    folders without a lock, which no backup made, stay.
+    """
+    left = 0
+    for partial in folder.glob(f"*{_UNFINISHED}"):
+        if not (partial / "lock").is_file():
+            continue
+        try:
+            lock = FolderLock(partial)
+        except (StoreLockedError, FileNotFoundError):
+            continue
+        try:
+            shutil.rmtree(partial, ignore_errors=True)
+        finally:
+            lock.release()
+        left += 1
+    return left
 
 
 def _empty(folder: Path) -> None:

@@ -19,7 +19,7 @@ from rtask.errors import StoreFormatError, UnsupportedError, UsageError
 from rtask.kb.durability.lock import FolderLock
 from rtask.kb.durability.settings import Settings
 from rtask.kb.maintenance import backup as backup_module
-from rtask.kb.maintenance.backup import restore
+from rtask.kb.maintenance.backup import discard_unfinished, restore
 from rtask.knowledge_base import KnowledgeBase
 
 
@@ -153,6 +153,22 @@ def test_nothing_of_a_killed_backup_stands_under_its_name(
         [quad] = kb.match("urn:view")
         assert kb.blobs.read(quad.object) == b"pixels"  # type: ignore[arg-type]
         assert kb.verify() == []
+
+
+def test_what_killed_backups_left_is_removed_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _filled(tmp_path / "kb").close()
+    backups = tmp_path / "backups"
+    with monkeypatch.context() as patched:
+        patched.setattr(backup_module, "seal", _kill)
+        assert _killed(lambda: _open(tmp_path / "kb").backup(backups / "killed"))
+    (backups / "running.partial").mkdir()
+    running = FolderLock(backups / "running.partial")
+    (backups / "somebodys.partial").mkdir()
+    assert discard_unfinished(backups) == 1
+    assert {path.name for path in backups.iterdir()} == {"running.partial", "somebodys.partial"}
+    running.release()
 
 
 def test_two_backups_of_one_name_at_a_time_are_refused(tmp_path: Path) -> None:
