@@ -50,7 +50,8 @@ class Policy:
         Distance, in units of :func:`kernel`, over which attempts speak for their neighbours.
     selection
         ``thompson``: sample among the ``top_k`` best; ``mean``: the best mean; ``auto``:
-        ``thompson``, but proven arms go first, by mean.
+        ``thompson``, but proven arms go first, by mean; at the first attempt of an episode those
+        that held themselves before those beside such ones.
     proven_weight, proven_share, proven_mean
         An arm is proven when its evidence holds that many successes, their share of its evidence
         is that large, and so is its mean.
@@ -96,6 +97,8 @@ class Arm:
     hidden
         Factor on the quality, 0..1, for what attempts say of causes that cannot be seen; see
         :mod:`grasp.learning.causes`.
+    own_successes
+        Of ``successes``, those of this very grasp and not of grasps beside it.
     """
 
     position: tuple[float, float, float]
@@ -106,6 +109,7 @@ class Arm:
     opening: float = 0.0
     axes: Axes | None = None
     hidden: float = 1.0
+    own_successes: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -299,7 +303,7 @@ class BetaThompson:
         if mean.max() < self.policy.stop_below:
             return []
         canonical = sorted(range(len(arms)), key=lambda i: _geometry(arms[i]))
-        score = self._scores(arms, belief, mean, canonical, seed)
+        score = self._scores(arms, belief, mean, canonical, seed, is_first=not trials)
         place = {arm: k for k, arm in enumerate(canonical)}
         order = sorted(range(len(arms)), key=lambda i: (*(-s for s in score[i]), place[i]))
         own = self._own(arms, trials)
@@ -350,6 +354,7 @@ class BetaThompson:
         mean: NDArray[np.float64],
         canonical: list[int],
         seed: int,
+        is_first: bool,
     ) -> list[tuple[float, float]]:
         """Return (stage, value) of each arm; larger goes first."""
         policy = self.policy
@@ -364,8 +369,15 @@ class BetaThompson:
         if policy.selection == "auto":
             for i, arm in enumerate(arms):
                 if self._is_proven(arm, float(mean[i])):
-                    scores[i] = (2.0, float(mean[i]))
+                    # What held counts for its neighbours as well, and where one of them rates
+                    # better by geometry its mean is larger. Yet only this one is known to hold,
+                    # until something fails in this episode: then it may be the one to leave.
+                    held = is_first and self._has_held(arm)
+                    scores[i] = (3.0 if held else 2.0, float(mean[i]))
         return scores
+
+    def _has_held(self, arm: Arm) -> bool:
+        return arm.own_successes >= self.policy.proven_weight
 
     def _is_proven(self, arm: Arm, mean: float) -> bool:
         policy = self.policy
@@ -389,7 +401,7 @@ class BetaThompson:
             "prior": [round(policy.floor + policy.kappa * part, 6) for part in prior],
             "graph": [round(share * arm.successes, 6), round(share * arm.failures, 6)],
             "episode": [round(float(v), 6) for v in own],
-            "selected_by": ("mean", "sample", "proven")[int(score[0])],
+            "selected_by": ("mean", "sample", "proven", "proven")[int(score[0])],
             "score": round(score[1], 6),
         }
 

@@ -25,7 +25,7 @@ from grasp.learning.bandit import Arm, BetaThompson, Trial
 from grasp.learning.causes import hidden_share
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.gripper_files import gripper_named
-from rtask.engine.memory.experience import Weights, gather
+from rtask.engine.memory.experience import Weights, gather, won_by
 from rtask.engine.policy import Policy
 from rtask.engine.remembered import Remembered, Tally
 from rtask.errors import UsageError
@@ -287,10 +287,12 @@ class Player:
         tried = sorted({report.arm for report in reports})
         memory = [self._remembered(arm, reports, source, turned) for arm in tried]
         evidence = gather(at, thetas, memory, weights, self.policy.bandit.bandwidth)
+        won = {} if turned or source is not product else won_by(memory, weights)
         return [
             Arm(
                 (a["x"], a["y"], a["z"]), a["theta"], a["quality"],
                 float(evidence.successes[i]), float(evidence.failures[i]),
+                own_successes=won.get(f"grasp:{i}", 0.0),
             )
             for i, a in enumerate(product["arms"])
         ]  # fmt: skip

@@ -28,7 +28,7 @@ from grasp.spatial.gripper import ContactKind, EndEffector, ParallelGripper
 from grasp.spatial.planar import PlanarGrasp, propose_planar, rate_all
 from rtask.engine.decisions import LOWERED, Option
 from rtask.engine.memory.calibration import PLANAR, SPATIAL
-from rtask.engine.memory.experience import Evidence, Weights, gather, without_trials
+from rtask.engine.memory.experience import Evidence, Weights, gather, without_trials, won_by
 from rtask.engine.memory.hidden import hidden_causes_of, hidden_shares, tries_from_above
 from rtask.engine.policy import Policy
 from rtask.engine.remembered import Memory, Remembered, Trial
@@ -179,8 +179,11 @@ def choose(
         replace(
             candidates[c.index], choice=c, sources=evidence.objects[c.index], cause=causes[c.index]
         )
-        for c in _rank(candidates, scene, memory, policy, evidence, maps or {}, hidden)
-    ]
+        for c in _rank(
+            candidates, scene, memory, policy, evidence, maps or {}, hidden,
+            won_by(with_evidence, weights),
+        )
+    ]  # fmt: skip
 
 
 def _of_kind(memory: Memory, kind: ContactKind) -> Memory:
@@ -237,13 +240,15 @@ def _rank(
     evidence: Evidence,
     maps: Mapping[str, ScoreMap],
     hidden: NDArray[np.float64],
+    won: Mapping[str, float] | None = None,
 ) -> list[Choice]:
-    """Return the learner's order, given the graph's evidence on each option."""
+    """Return the learner's order, given the graph's evidence on each option, and own successes."""
+    own = won or {}
     arms = [
         Arm(
             (x, y, z), theta, _chance(option, maps),
             float(evidence.successes[i]), float(evidence.failures[i]), option.opening,
-            _axes(option), float(hidden[i]),
+            _axes(option), float(hidden[i]), own.get(option.id, 0.0),
         )
         for i, option in enumerate(candidates)
         for x, y, z, theta in [option.in_object]

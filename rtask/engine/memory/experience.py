@@ -20,7 +20,7 @@ from grasp.spatial.gripper import EndEffector
 from rtask.engine.policy import Policy
 from rtask.engine.remembered import Memory, Remembered, Tally
 
-__all__ = ["Evidence", "Weights", "gather", "without_trials"]
+__all__ = ["Evidence", "Weights", "gather", "without_trials", "won_by"]
 
 _MIN_SHARE = 0.05
 """Objects that contribute less evidence than this are not named as its sources."""
@@ -178,6 +178,11 @@ def gather(
     # Rounded, so that the order of the rows does not affect the last bit.
     successes, failures = np.round(near @ won, 9), np.round(near @ lost, 9)
     return Evidence(successes, failures, _sources(near * (won + lost), tried))
+
+
+def won_by(remembered: Sequence[Remembered], weights: Weights) -> dict[str, float]:
+    """Return the weighted successes of each grasp of the object itself, by IRI."""
+    return {g.grasp: _weight(g, weights, held=True) for g in remembered if not g.of_class}
 
 
 def _weight(grasp: Remembered, weights: Weights, held: bool) -> float:

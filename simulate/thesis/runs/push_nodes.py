@@ -48,7 +48,15 @@ _BOUND = (
     f"{(MATLAB_S[2] + sum(START_UP_S) / 2) / START_UP_S[1]:.0f} at most; theirs is of the slowest "
     "of all parts, whose times are not printed"
 )
+_RUNS = 3
+_SET_UP = (
+    "the first shard of each of our workers also sets up the trials, a third more than the time of "
+    "a shard of one perturbation, which is less than a millisecond; theirs is 20 s"
+)
 _SHARDS = "shards are timed one at a time for each worker; 500 nodes never run at once here"
+
+_BECAUSE = {"with start-up": _BOUND, "slowest": _SET_UP}
+"""Why a speed-up is below the thesis's."""
 
 
 @dataclass(frozen=True)
@@ -64,10 +72,13 @@ class TimedTrials:
         return time.process_time() - began
 
 
-def shard_times(executor: Executor, trials: Trials, nodes: int) -> np.ndarray:
-    """Return the processor seconds (nodes,) of each node's shard."""
-    spans = dict(executor.finished(TimedTrials(trials), shard(0, SAMPLES, nodes)))
-    return np.array([spans[node] for node in sorted(spans)])
+def shard_times(executor: Executor, trials: Trials, nodes: int, runs: int = 1) -> np.ndarray:
+    """Return the processor seconds (nodes,) of each node's shard, the least of some runs."""
+    times = []
+    for _ in range(runs):
+        spans = dict(executor.finished(TimedTrials(trials), shard(0, SAMPLES, nodes)))
+        times.append([spans[node] for node in sorted(spans)])
+    return np.asarray(np.min(times, axis=0))
 
 
 def table_3_2(setting: Setting) -> Result:
@@ -103,7 +114,10 @@ def speed_up(setting: Setting) -> Result:
             for name in names:
                 trials = trials_of(name, configuration, setting.seed)
                 list(executor.finished(trials, [(0, 2)] * workers))
-                spans = {nodes: shard_times(executor, trials, nodes) for nodes in NODES}
+                # A node of the thesis works for 20 s, one of 500 of ours for less than a
+                # millisecond, in which an interruption would make it the slowest.
+                runs = {1: _RUNS, NODES[-1]: _RUNS}
+                spans = {n: shard_times(executor, trials, n, runs.get(n, 1)) for n in NODES}
                 alone = float(spans[1][0])
                 if name == "A":
                     slower = MATLAB_S[number] / alone
@@ -117,7 +131,7 @@ def speed_up(setting: Setting) -> Result:
         Compared(f"stand-ins: largest speed-up of 500 nodes, {what}",
                  max(row[-1] for row in curves[what]), theirs[what], tolerance=0.2 * theirs[what],
                  reason="the largest of 36 runs in the thesis, of fewer or more here",
-                 better="higher", because=_BOUND if what == "with start-up" else "")
+                 better="higher", because=_BECAUSE.get(what, ""))
         for what in curves
     )  # fmt: skip
     pictures = {}
@@ -129,7 +143,8 @@ def speed_up(setting: Setting) -> Result:
             NODES, drawn, f"Fig. {figure}, {what}", "nodes", (0.0, float(values.max()) * 1.05),
             "speed-up",
         )  # fmt: skip
-    notes = (STAND_INS, _SHARDS, *setting.shrunk("outlines", len(BRACKETS), len(names)))
+    notes = (STAND_INS, f"{_SHARDS}; with 1 and 500 nodes the least of {_RUNS} runs",
+             *setting.shrunk("outlines", len(BRACKETS), len(names)))  # fmt: skip
     return Result(rows, notes, pictures)
 
 

@@ -107,6 +107,22 @@ def test_what_worked_before_goes_first_even_if_geometry_likes_another_better():
         assert best.explanation["selected_by"] == "proven"
 
 
+def test_what_held_itself_goes_before_a_neighbour_that_rates_better_until_something_fails():
+    beside = (0.008, 0.0, 0.03)
+    arms = [
+        Arm(beside, 0.0, quality=0.95, successes=1.5),
+        Arm(HERE, 0.0, quality=0.5, successes=1.9, own_successes=1.0),
+        Arm(beside, 0.1, quality=0.7, successes=1.2, own_successes=0.5),
+    ]
+    learner = BetaThompson(size_m=SIZE)
+    first = learner.rank(arms)
+    assert [choice.index for choice in first] == [1, 0, 2]
+    assert first[0].mean < first[1].mean
+    assert {choice.explanation["selected_by"] for choice in first} == {"proven"}
+    failed = Trial((0.05, 0.0, 0.03), 0.0, success=False)
+    assert learner.rank(arms, [failed])[0].index == 0
+
+
 def test_what_mostly_failed_before_is_not_proven():
     arms = [Arm(HERE, 0.0, 0.95), Arm(HERE, 1.0, 0.6, successes=1.0, failures=3.0)]
     learner = BetaThompson(Policy(top_k=1), SIZE)

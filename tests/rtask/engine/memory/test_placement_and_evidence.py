@@ -213,6 +213,23 @@ def test_once_an_object_itself_was_held_its_class_says_no_more():
     assert told(alike, held) == pytest.approx((0.9, 0.0))
 
 
+@pytest.mark.parametrize("of_class", [False, True])
+def test_of_two_proven_grasps_the_one_that_held_itself_goes_first(of_class):
+    held = (Tally(True, 2),)
+    grasp = remembered(tallies=held, of_class=of_class, object="p" if of_class else "o")
+    here, beside = (
+        PlanarGrasp(0.0, 0.0, 0.03, theta, 0.03, 0.05, quality)
+        for theta, quality in ((0.5, 0.4), (0.55, 0.9))
+    )
+    own = Option("g", here, (0.0, 0.0, 0.03, 0.5), grasp)
+    better = Option("candidate:0", beside, (0.0, 0.0, 0.03, 0.55))
+    confident = {"o": 1.0, "p": 1.0}
+    order = choose([better, own], scene(), Memory(grasps=(grasp,)), confident, Policy(), NOW)
+    assert [one.choice.explanation["selected_by"] for one in order] == ["proven"] * 2
+    # What held on another object of the class has not held on this one.
+    assert [one.id for one in order] == (["candidate:0", "g"] if of_class else ["g", "candidate:0"])
+
+
 BAR = (0.12, 0.03, 0.03)
 LOST = (Tally(False, 1),)
 
