@@ -283,7 +283,7 @@ def plan_update(
     def run() -> Response:
         attribution = caller.note(request)
         note = f"{update.note} ({attribution})" if update.note else attribution
-        target = open_named(kb, update.branch).graph if update.branch else kb
+        target = _written_branch(kb, update.branch, caller) if update.branch else kb
         commit = _commit(target, update, caller, note, config)
         remark = commit.remark if commit else None
         if not wants_json:
@@ -299,6 +299,13 @@ def plan_update(
         return Response(200, json.dumps(counts).encode(), JSON_TYPE)
 
     return Plan(run, form="UPDATE", text=update.text)
+
+
+def _written_branch(kb: ServedGraph, name: str, caller: Caller) -> ServedGraph:
+    """Return the graph of a branch that a caller may write."""
+    branch = open_named(kb, name)
+    branch.record.require_may_write(caller.access)
+    return branch.graph
 
 
 def _in_the_name_of(caller: Caller, agent: str) -> Caller:

@@ -74,6 +74,22 @@ class BranchRecord:
                 "or an admin drops it"
             )
 
+    def require_may_write(self, rights: Access) -> None:
+        """Refuse to let a robot or person write in a branch of another.
+
+        What a stranger wrote there, the author could not merge.
+
+        Raises
+        ------
+        ForbiddenError
+            The caller is another, and no admin.
+        """
+        if rights.role in ("robot", "teacher") and rights.agent != self.author:
+            raise ForbiddenError(
+                f"branch {self.name} is of {self.author or 'a caller without a name'}; its author "
+                "or an admin writes in it: make one of your own"
+            )
+
     @classmethod
     def load(cls, folder: Path) -> BranchRecord:
         """Read the record in the folder of a branch.

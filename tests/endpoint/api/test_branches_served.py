@@ -92,6 +92,9 @@ def test_a_conflict_is_named_and_nothing_is_merged(served: Served) -> None:
     served.update("ann", "INSERT DATA { <urn:c7> <urn:p> 1 }", branch="later")
     gone = "DELETE WHERE { GRAPH <urn:lab/graph/agent/ann> { <urn:c7> ?p ?o } }"
     assert served.update("ann", gone).json["removed"] == 1
+    stranger = served.update("nao-2", "INSERT DATA { <urn:c8> a <urn:Cup> }", branch="late")
+    assert stranger.status_code == 403
+    assert "branch late is of nao-1" in stranger.json["detail"]
     refused = served.call("ann", "POST", "/branches/later/merge")
     assert refused.status_code == 409
     assert [c["kind"] for c in refused.json["conflicts"]] == ["withdrawn"]
