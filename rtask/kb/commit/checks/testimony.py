@@ -21,13 +21,15 @@ from rtask.rdf.terms import GraphName, Literal, NamedNode, TripleKey
 
 __all__ = ["require_own_testimony"]
 
-_OF_ATTEMPT = frozenset((RT.executesGrasp, RT.hasOutcome, PROV.endedAtTime))
-_OF_OUTCOME = frozenset(
-    (
-        RT.success, RT.judgedSuccess, RT.disputed, RT.hasReason, RT.placed, RT.placeReason,
-        RT.hasFeedback, RT.heldVotes, RT.lostVotes,
-    )
-)  # fmt: skip
+_JUDGED_BY = (RT.PhysicsFeedback, RT.HumanFeedback)
+_CLASSES: dict[NamedNode, tuple[NamedNode, ...]] = {
+    **dict.fromkeys((RT.executesGrasp, RT.hasOutcome, PROV.endedAtTime), (RT.GraspAttempt,)),
+    **dict.fromkeys(
+        (RT.success, RT.judgedSuccess, RT.disputed, RT.hasReason, RT.placed, RT.placeReason,
+         RT.hasFeedback), (RT.GraspOutcome,)),
+    **dict.fromkeys((RT.verdict, RT.preset, RT.heldVotes, RT.lostVotes), _JUDGED_BY),
+}  # fmt: skip
+"""Classes of what a statement may be about, by its property."""
 _ABOUT_VALUE = frozenset((RT.outcomeOf, RT.triedIn))
 """Inverses, whose value is the attempt."""
 
@@ -82,15 +84,13 @@ def _robot_described(quad: Quad, graphs: Graphs) -> str | None:
 
 
 def _testimony(quad: Quad) -> Iterator[tuple[NamedNode, NamedNode]]:
-    """Yield the attempt or outcome that a statement is about, with its class."""
+    """Yield the attempt, outcome or verdict that a statement is about, with its class."""
     if quad.predicate in _ABOUT_VALUE:
         if isinstance(quad.object, NamedNode):
             yield quad.object, RT.GraspAttempt
     elif isinstance(quad.subject, NamedNode):
-        if quad.predicate in _OF_ATTEMPT:
-            yield quad.subject, RT.GraspAttempt
-        elif quad.predicate in _OF_OUTCOME:
-            yield quad.subject, RT.GraspOutcome
+        for kind in _CLASSES.get(quad.predicate, ()):
+            yield quad.subject, kind
 
 
 def _other_owner(held_by: Sequence[GraphName], access: Access, graphs: Graphs) -> str | None:

@@ -272,6 +272,8 @@ DESCRIBING = (
     "<{outcome}> rt:judgedSuccess false",
     "<{outcome}> rt:success false",
     "<{outcome}> rt:hasFeedback <urn:f>",
+    '<{feedback}> rt:preset "fast"',
+    "<{feedback}> rt:verdict false",
     "<{attempt}> rt:hasOutcome <urn:o>",
     "<urn:o> rt:outcomeOf <{attempt}>",
     '<{attempt}> prov:endedAtTime "2030-01-01T00:00:00Z"^^xsd:dateTime',
@@ -289,7 +291,9 @@ def test_no_graph_of_a_robot_changes_what_another_is_did_and_reported(engine, be
     one.insert(seen, outcome=bench.held(), grasp=grasp, name="tea box")
     (outcome,) = (quad.subject.value for quad in kb.match(None, RT.success))
     (attempt,) = {quad.subject.value for quad in kb.match(None, RT.hasOutcome)}
-    own = {"outcome": outcome, "attempt": attempt, "robot": kb.graphs.agent_iri("nao-1").value}
+    feedback = next(quad.object.value for quad in kb.match(None, RT.hasFeedback))
+    own = {"outcome": outcome, "attempt": attempt, "feedback": feedback,
+           "robot": kb.graphs.agent_iri("nao-1").value}  # fmt: skip
     before = kb.seq
     for described in DESCRIBING:
         statement = described.format(**own)
