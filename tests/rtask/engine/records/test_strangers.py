@@ -309,7 +309,7 @@ def test_no_graph_of_a_robot_changes_what_another_is_did_and_reported(engine, be
     mine = (
         f"{sparql} INSERT DATA {{ <urn:o> a rt:GraspOutcome ; rt:success true ; rt:placed true }}"
     )
-    assert kb.update(mine, access=stranger).added == 2
+    assert kb.update(mine, access=stranger).added == 3
 
 
 def test_another_body_under_a_name_is_a_conflict_unless_it_takes_the_place(engine, robots):
