@@ -30,7 +30,7 @@ _RULES = tuple(
         (r"\b(all|everything|every \w+|all \w+|each \w+) but\b", rf"\1 {EXCEPT}"),
     )
 )
-_ONE = re.compile(rf"\b(\w+)\s+({EXCEPT}\s+(?:the\s+)?\w+)\s+ones?\b", re.I)
+_SAME_NOUN = re.compile(rf"\b(\w+)\s+({EXCEPT}\s+(?:the\s+)?\w+)\s+ones?\b", re.I)
 _TIME = re.compile(
     r"\b(?:by|before|until|at)\s+(?:\d{1,2}[:.]\d\d|\d{1,2}\s?(?:am|pm)|noon|midnight|tonight|"
     r"tomorrow|\d{4}-\d\d-\d\d)",
@@ -62,4 +62,4 @@ def plain_goal(text: str) -> str:
         )
     for pattern, replacement in _RULES:
         text = pattern.sub(replacement, text)
-    return _ONE.sub(lambda found: f"{found[1]} {found[2]} {stem(found[1].lower())}", text)
+    return _SAME_NOUN.sub(lambda match: f"{match[1]} {match[2]} {stem(match[1].lower())}", text)

@@ -128,7 +128,7 @@ def _turned_back(
 
 
 def turn_back(files: Files, graphs: Graphs, journal: JournalFile, path: str, seq: int) -> None:
-    """Make the store of an earlier state, from the nearest one that is kept or from the current.
+    """Make the store of an earlier state, from the nearest one that is copy or from the current.
 
     Raises
     ------
@@ -136,12 +136,12 @@ def turn_back(files: Files, graphs: Graphs, journal: JournalFile, path: str, seq
         A bulk load was made since then.
     """
     ladder = files.ladder
-    for kept, distance in _sources(ladder, journal, seq):
-        if ladder is None or kept is None:
+    for state, distance in _sources(ladder, journal, seq):
+        if ladder is None or state is None:
             break
-        if ladder.copy(kept, Path(path)):
+        if ladder.copy(state, Path(path)):
             try:
-                _Replay(files, graphs, journal, path, kept.seq, seq, distance).run()
+                _Replay(files, graphs, journal, path, state.seq, seq, distance).run()
                 return
             except UnsupportedError:  # a bulk load lies between; from the other side it does not
                 shutil.rmtree(path, ignore_errors=True)

@@ -141,9 +141,9 @@ class PlacementIndex:
             numbers = [self._numbers[name] for name in subjects if name in self._numbers]
             current = self._entry_of(placement)
             while True:
-                found = [self._last_of(number, current.begin, before=True) for number in numbers]
+                last = [self._last_of(number, current.begin, before=True) for number in numbers]
                 # By begin: names that were merged count alike.
-                begun = [(e.begin, e.node, e, row) for e, row in found if e is not None]
+                begun = [(e.begin, e.node, e, row) for e, row in last if e is not None]
                 if not begun:
                     return current.node
                 *_, before, row = max(begun)
