@@ -210,32 +210,32 @@ class EmbeddedStore(GraphStore):
         by_subject: dict[Subject, list[TripleKey]] = {}
         for key in keys:
             by_subject.setdefault(key[0], []).append(key)
-        found: dict[TripleKey, list[GraphName]] = {}
+        holders: dict[TripleKey, list[GraphName]] = {}
         try:
             with self.complete():
                 find = self.raw.quads_for_pattern
                 for subject, group in by_subject.items():
                     together = self._held_together(subject, group) if len(group) > 1 else None
                     if together is not None:
-                        found.update(together)
+                        holders.update(together)
                         continue
                     for key in group:
                         value = key[2]
                         quads: Iterable[Quad] = find(subject, key[1], value, None)
                         if not (_is_named(value) and _is_named(subject)):
                             quads = _fitting(quads, subject, value, None)
-                        found[key] = [quad.graph_name for quad in quads]
+                        holders[key] = [quad.graph_name for quad in quads]
         except RuntimeError as error:
             raise self._failed(error) from error
-        return found
+        return holders
 
     def _held_together(
         self, subject: Subject, keys: list[TripleKey]
     ) -> dict[TripleKey, list[GraphName]] | None:
         """Return the graphs that hold triples of one subject; ``None`` if it has far more."""
         exact = {(key[1], stored(key[2])): key for key in keys}
-        found: dict[TripleKey, list[GraphName]] = {key: [] for key in keys}
-        if len(exact) < len(found):
+        holders: dict[TripleKey, list[GraphName]] = {key: [] for key in keys}
+        if len(exact) < len(holders):
             return None
         predicates = {key[1] for key in keys}
         predicate = predicates.pop() if len(predicates) == 1 else None
@@ -246,8 +246,8 @@ class EmbeddedStore(GraphStore):
                 return None
             key = exact.get((quad.predicate, quad.object))
             if key is not None and quad.subject == subject:
-                found[key].append(quad.graph_name)
-        return found
+                holders[key].append(quad.graph_name)
+        return holders
 
     def _view(
         self, subject: Subject | None, predicate: NamedNode | None, value: Term | None
