@@ -158,14 +158,14 @@ def _write(
     folder: Path,
     rate_hz: int,
 ) -> None:
-    told = [situations[recorded.attempt] for recorded in episodes]
-    tasks = list(dict.fromkeys(situation.task for situation in told))
+    ordered = [situations[recorded.attempt] for recorded in episodes]
+    tasks = list(dict.fromkeys(situation.task for situation in ordered))
     # A column has a value in every row: without one of some episode there is none.
-    frames = {situation.frame_id for situation in told}
-    has_pose = all(situation.pose is not None for situation in told) and len(frames) == 1
+    frames = {situation.frame_id for situation in ordered}
+    has_pose = all(situation.pose is not None for situation in ordered) and len(frames) == 1
     parts, start = list[_Part](), 0
     for number, (episode, motion, situation, seen) in enumerate(
-        zip(episodes, motions, told, shots, strict=True)
+        zip(episodes, motions, ordered, shots, strict=True)
     ):
         task = situation.task
         columns = _columns(motion, number, tasks.index(task), start, episode.held is True)
@@ -187,7 +187,7 @@ def _write(
     names = {"observation.environment_state": [f"{min(frames)}/{part}" for part in POSE]}
     info = {
         "codebase_version": _VERSION,
-        "robot_type": told[0].robot_type,
+        "robot_type": ordered[0].robot_type,
         "total_episodes": len(parts),
         "total_frames": start,
         "total_tasks": len(tasks),
