@@ -19,7 +19,7 @@ same camera; how the camera stood is known with errors of 2 mm and 1 degree, as 
 Each thing has a model of its own, grown in colour, and keypoints of its views give a pose to begin
 with, as in the product; things of one colour have next to none. With ``--prints`` every thing
 carries a print that no other has, in the scenes and on the turntable; meshes then know their
-colours.
+colours. With ``--textures`` those of YCB objects know their own.
 ``--save-plot`` draws how poses get better with every view. AR is the average recall of the BOP
 benchmark over VSD, MSSD and MSPD; ``--bop`` measures it on a dataset in that benchmark's layout,
 with the true masks of the visible pixels (``--split``, ``--results`` CSV). Intervals are Wilson's
@@ -281,6 +281,7 @@ def main() -> None:
     parser.add_argument("--masks", choices=("true", "predicted", "both"), default="both")
     parser.add_argument("--views", type=int, nargs="*", default=[], help="numbers of stored views")
     parser.add_argument("--prints", action="store_true", help="every thing carries print")
+    parser.add_argument("--textures", action="store_true", help="meshes know their texture")
     parser.add_argument("--ycb", type=Path, help="folder of the YCB models: scenes of these")
     parser.add_argument("--cache", type=Path, help="keep the scenes here")
     parser.add_argument("--fit", action="store_true")
@@ -298,7 +299,8 @@ def main() -> None:
             parser.error(str(error))
         return
     first, last = map(int, args.scenes.split(":"))
-    scenes, models = scenes_of(range(first, last), args.cache, args.ycb), Models(args.prints)
+    scenes = scenes_of(range(first, last), args.cache, args.ycb)
+    models = Models(args.prints, args.textures)
     if args.prints:
         scenes = [painted(scene) for scene in scenes]
     params = PoseParams(starts=args.starts, more_starts=max(args.starts // 2, 1))
