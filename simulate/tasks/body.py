@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, runtime_checkable
 
-__all__ = ["Attempted", "Deed", "Seeing", "TaskBody"]
+__all__ = ["Attempted", "Deed", "Seeing", "TaskBody", "Watching"]
 
 
 @dataclass(frozen=True)
@@ -89,3 +89,17 @@ class Seeing(Protocol):
 
     def picture(self) -> bytes | None:
         """Return what it sees now as PNG or JPEG; None if it sees nothing."""
+
+
+@runtime_checkable
+class Watching(Protocol):
+    """A body that notices what it has moved beside the thing of its step."""
+
+    def displaced(self) -> Mapping[str, str | None]:
+        """Return other things that are no longer where they were before the last action.
+
+        Returns
+        -------
+        Mapping
+            By the IRI of the thing: the place where it is seen, or None where that is not known.
+        """

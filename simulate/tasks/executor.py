@@ -17,7 +17,7 @@ from rtask.errors import ConflictError, RemoteUnavailableError, RtaskError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.tasks.queue.asking import PATIENCE_S
 from simulate.tasks.actions import TaskAction, available_actions
-from simulate.tasks.body import Attempted, Deed, Seeing, TaskBody
+from simulate.tasks.body import Attempted, Deed, Seeing, TaskBody, Watching
 from simulate.tasks.questions import Reply, about_acting, about_place, read_reply
 
 __all__ = ["Executor", "Graph", "Turn"]
@@ -89,6 +89,7 @@ class Executor:
         self.actions = available_actions() if actions is None else actions
         self._patience_s = patience_s
         self._acted: tuple[Mapping[str, Any], TaskAction, Reply, Deed] | None = None
+        self._displaced: Mapping[str, str | None] = {}
 
     def turn(self) -> Turn:
         """Carry out one step if there is one.
@@ -131,6 +132,8 @@ class Executor:
     def _act(self, claim: Mapping[str, Any], action: TaskAction, reply: Reply) -> Turn:
         """Act and report."""
         self._acted = claim, action, reply, action.carry_out(self.body, claim["arguments"])
+        # Looked at here, and not where it is told: there the graph may have been away for hours.
+        self._displaced = self.body.displaced() if isinstance(self.body, Watching) else {}
         return self._say(*self._acted)
 
     def _say(self, claim: Mapping[str, Any], action: TaskAction, reply: Reply, deed: Deed) -> Turn:
@@ -147,6 +150,8 @@ class Executor:
 
     def _tell(self, claim: Mapping[str, Any], action: TaskAction, reply: Reply, deed: Deed) -> Turn:
         """Report what was done; what a person helped with says nothing about the grasp alone."""
+        for item, seen in self._displaced.items():
+            self.graph.call("state_place", thing=item, place=seen, lost=seen is None)
         reported = action.is_grasp and reply.does != "try" and self._report(claim, deed)
         if deed.success:
             comment = reply.comment if reply.does == "try" else ""

@@ -25,6 +25,7 @@ from simulate.grasping.attempt.run import AttemptRun
 from simulate.grasping.judgement import CLOSED_ON_SOMETHING, Judgement
 from simulate.motion.collision import Obstacle
 from simulate.tasks.arms.bench import OTHER_ROBOT, Station
+from simulate.tasks.arms.bystanders import Bystanders
 from simulate.tasks.arms.resuming import is_away, resumed
 from simulate.tasks.arms.station_body import RobotAtBench
 from simulate.tasks.body import Attempted, Deed
@@ -111,6 +112,7 @@ class ArmBody:
         self._seen: dict[tuple[str, int], tuple[tuple[float, int], list[Sighting]]] = {}
         self._asked = 0
         self._tried: Counter[str] = Counter()
+        self._bystanders = Bystanders(self, graph)
 
     @property
     def hands(self) -> Mapping[str, str]:
@@ -143,7 +145,19 @@ class ArmBody:
             if not self._feels(held.item, hand):
                 self._let_go(hand)
         there = next((at for at in (*self._arms, *self._places) if self.sees(item, at)), None)
-        return there or next((at for at in self._shown if self._sight_anew(item, at)), None)
+        return there or self.place_seen(item)
+
+    def is_seen(self, item: str, place: str) -> bool:
+        """Look whether a thing is in an area, from any viewpoint."""
+        return self._sight_anew(item, place) is not None
+
+    def place_seen(self, item: str) -> str | None:
+        """Look for a thing in all areas that the cameras show, from all viewpoints."""
+        return next((at for at in self._shown if self.is_seen(item, at)), None)
+
+    def displaced(self) -> Mapping[str, str | None]:
+        """Look for what stood around the last action; return what is no longer where it was."""
+        return self._bystanders.displaced()
 
     def picture(self) -> bytes | None:
         """Return what the camera sees as JPEG."""
@@ -186,6 +200,7 @@ class ArmBody:
         seconds["plan"] = time.perf_counter() - started
         if planned.plan is None or planned.grasp is None:
             return self._unreachable(planned)
+        self._bystanders.note(item)
         run = self.robot.executor.begin(planned.plan)
         began, started = time.time(), time.perf_counter()
         reason = run.grasp()
@@ -208,6 +223,7 @@ class ArmBody:
             self._let_go(hand)
             return Deed(False, "slip_transport")
         area, run = self._places[place], held.run
+        self._bystanders.note(item)
         # Where the others were when the grasp was planned, they may be no longer.
         still = [obstacle for obstacle in run.plan.obstacles
                  if not isinstance(obstacle, Obstacle) or obstacle.name != OTHER_ROBOT]  # fmt: skip
@@ -218,6 +234,8 @@ class ArmBody:
         self._forget(hand)
         if reason != "ok" and self._has_arrived(item, place, run):
             reason = "ok"
+        elif reason == "ok" and self._lies_elsewhere(item, place):
+            reason = "drop_outside"
         return Deed(reason == "ok", reason, run.drive.elapsed_s - before)
 
     def _put_on_table(self, run: AttemptRun, area: str, item: str) -> str:
@@ -256,6 +274,17 @@ class ArmBody:
         tables = [at for at, name in self._places.items() if not layout.area(name).is_box]
         is_gone = all(self._sight(item, at) is None for at in tables)
         return run.placed.is_new_there and run.placed.answer == "unknown" and is_gone
+
+    def _lies_elsewhere(self, item: str, place: str) -> bool:
+        """Look whether a thing that seemed to arrive is seen on another part of the table.
+
+        That something new is at the place does not tell what it is: another thing may have been
+        pushed there.
+        """
+        layout, product = self.robot.station.bench.layout, self._product(item)
+        tables = [at for at, name in self._places.items() if not layout.area(name).is_box]
+        at = [table for table in tables if any(s.object == product for s in self.look(table))]
+        return bool(at) and place not in at
 
     def _take_over(self, item: str, hand: str) -> None:
         """Find out whether a hand holds what another program of this robot picked up.

@@ -1,0 +1,101 @@
+"""What a robot moves beside the thing of its step: seen, and no longer said to be where it was."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pytest
+
+import rtask
+from rtask.engine import Engine
+from rtask.rdf.namespaces import PREFIXES
+from simulate.tasks.arms.bench import Bench
+from simulate.tasks.arms.introducing import introduce, survey
+from simulate.tasks.arms.layouts import own_table
+from simulate.tasks.executor import Executor
+from simulate.tasks.lab import LabRobot, read_lab
+from simulate.world.objects import spec_of
+from simulate.world.scene import Placement
+from tests.rtask.tasks.conftest import BASE, JUG, LAB, PANDA, PEN, RIGHT, TABLE
+
+pytestmark = pytest.mark.slow
+
+_BESIDE, _GONE = (0.41, 0.06), (0.45, 3.0)
+"""In the left half, beside what stands there, and off the table; m."""
+
+
+def place_of(graph, thing: str) -> str:
+    rows = graph.query(f"{PREFIXES} SELECT ?at WHERE {{ <{thing}> rt:locatedOn ?at }}")
+    return str(rows[0]["at"]) if rows else ""
+
+
+def test_what_stood_beside_a_motion_is_looked_for_after_it(tmp_path):
+    layout = own_table("panda-1", "panda")
+    spots = {name: (sum(layout.area(name).x) / 2, sum(layout.area(name).y) / 2)
+             for name in ("left half", "right half")}  # fmt: skip
+    specs = {"left half": spec_of("can-81"), "right half": spec_of("can-86")}
+    bench = Bench(
+        layout, [Placement(specs[name], *at, 0.3) for name, at in spots.items()], tmp_path,
+        preset="fast",
+    )  # fmt: skip
+    try:
+        with rtask.open(":memory:") as kb, Engine(kb) as engine:
+            planner = rtask.connect(engine)
+            crew = introduce(planner, bench)
+            survey(planner, bench, crew)
+            [body] = crew.bodies.values()
+            at = {name: place for place, name in crew.places.items()}
+            where = {place_of(planner, thing): thing for thing in body._bystanders._known()}
+            taken, other = where[at["left half"]], where[at["right half"]]
+            [body_of_other] = [laid.body for laid in bench.laid
+                               if bench.area_of(laid.body) == "right half"]  # fmt: skip
+
+            body._bystanders.note(taken)
+            bench.put(body_of_other, spots["right half"][0] - 0.03, spots["right half"][1])
+            assert body.displaced() == {}, "moved within its area"
+            body._bystanders.note(taken)
+            bench.put(body_of_other, *_BESIDE)
+            assert body.displaced() == {other: at["left half"]}
+            assert not body._lies_elsewhere(other, at["left half"])
+            assert body._lies_elsewhere(other, at["left box"]), "it did not get to the box"
+
+            planner.call("state_place", thing=other, place=at["left half"])
+            body._bystanders.note(taken)
+            bench.put(body_of_other, *_GONE)
+            planner.call("state_place", thing=other, place=at["right box"])
+            assert body.displaced() == {}, "another robot has taken it meanwhile"
+            bench.put(body_of_other, *spots["right half"])
+            planner.call("state_place", thing=other, place=at["right half"])
+            body._bystanders.note(taken)
+            bench.put(body_of_other, *_GONE)
+            assert body.displaced() == {other: None}
+    finally:
+        bench.close()
+
+
+class Clumsy:
+    """A robot that pushes something else aside, or off the table, when it picks a thing up."""
+
+    def __init__(self, body: LabRobot, pushed: str, to: str | None) -> None:
+        self._body, self._pushed, self._to = body, pushed, to
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._body, name)
+
+    def displaced(self) -> Mapping[str, str | None]:
+        return {self._pushed: self._to}
+
+
+@pytest.mark.parametrize("to", [RIGHT, None])
+def test_the_graph_hears_of_a_thing_that_was_pushed_away(to: str | None):
+    with rtask.open(":memory:", base=BASE) as kb, Engine(kb) as engine:
+        kb.update(LAB)
+        graph = rtask.connect(engine)
+        graph.call("store_plan", goal="every pen into the right box")
+        lab = read_lab(graph.query, None)
+        assert place_of(graph, JUG) == TABLE
+        robot = Executor(graph, Clumsy(lab.robot(PANDA), JUG, to), PANDA)
+        lab.rng = type("Never", (), {"random": staticmethod(lambda: 1.0)})
+        assert robot.turn().result == "done"
+        assert place_of(graph, JUG) == (to or ""), "not known since, or where it is seen"
+        assert place_of(graph, PEN) == f"{PANDA}/hand"
