@@ -6,7 +6,7 @@ import json
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rtask.errors import TooLargeError, UsageError
@@ -42,12 +42,15 @@ class Aim:
         For how many things; None for all.
     text
         The goal for people.
+    stage
+        Goals of a later stage are begun once those of all earlier ones are reached.
     """
 
     pattern: str
     where: str
     number: int | None = None
     text: str = ""
+    stage: int = 0
 
     @property
     def variables(self) -> tuple[str, ...]:
@@ -78,7 +81,8 @@ def read_aims(given: str | Mapping[str, Any]) -> tuple[Aim, ...] | None:
     ----------
     given
         ``PATTERN [WHERE { SPARQL }]``, or an object, or its JSON, with ``achieve``, and if need be
-        ``where`` and ``number``; ``goals`` has several of these.
+        ``where`` and ``number``; ``goals`` has several of these, and one with ``then`` true is
+        begun once those before it are reached.
 
     Raises
     ------
@@ -105,7 +109,12 @@ def read_aims(given: str | Mapping[str, Any]) -> tuple[Aim, ...] | None:
             raise UsageError("goals is a list of goals")
         if len(parts) > MAX_AIMS:
             raise UsageError(f"at most {MAX_AIMS} goals at once, not {len(parts)}")
-        return tuple(_from_object(part) for part in parts)
+        aims, stage = [], 0
+        for part in parts:
+            aim, is_later = _from_object(part)
+            stage += is_later
+            aims.append(replace(aim, stage=stage))
+        return tuple(aims)
     if not re.match(r"\s*(?:\?\w|<|\w+:\w)", given):
         return None
     match = _WHERE.search(given)
@@ -113,7 +122,8 @@ def read_aims(given: str | Mapping[str, Any]) -> tuple[Aim, ...] | None:
     return (_checked(pattern, match[1] if match else "", None),)
 
 
-def _from_object(part: object) -> Aim:
+def _from_object(part: object) -> tuple[Aim, bool]:
+    """Return a goal, and whether it is to wait for those before it."""
     if not isinstance(part, Mapping) or not isinstance(part.get("achieve"), str):
         raise UsageError('a goal has "achieve", a graph pattern such as "?x rt:locatedOn <IRI>"')
     where, number = part.get("where", ""), part.get("number")
@@ -123,7 +133,10 @@ def _from_object(part: object) -> Aim:
         raise UsageError('"number" of a goal is an integer, or null for all')
     if number is not None and number < 1:
         raise UsageError(f'"number" of a goal is 1 or more, not {number}')
-    return _checked(part["achieve"], where, number)
+    then = part.get("then", False)
+    if not isinstance(then, bool):
+        raise UsageError('"then" of a goal is true or false')
+    return _checked(part["achieve"], where, number), then
 
 
 def _checked(pattern: str, where: str, number: int | None) -> Aim:

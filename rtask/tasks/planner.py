@@ -17,7 +17,7 @@ from rtask.tasks.names import names_of
 from rtask.tasks.outcomes import Experience, read_experience
 from rtask.tasks.plan import Refusal, TaskPlan
 from rtask.tasks.planning.pddl import write_pddl
-from rtask.tasks.planning.problem import Action, Atom, Parameter, Problem, Step
+from rtask.tasks.planning.problem import Action, Atom, Goal, Parameter, Problem, Step
 from rtask.tasks.planning.search import find_plan, goal_costs
 from rtask.tasks.planning.unsolvable import Obstacle, explain_unsolvable
 from rtask.tasks.reasons import refusal
@@ -42,6 +42,14 @@ class _Task:
     problem: Problem
     experience: Experience
     mendable: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Steps of a plan, and the number of the last one of each stage."""
+
+    steps: tuple[Step, ...]
+    ends: tuple[int, ...]
 
 
 def plan_goal(
@@ -92,8 +100,8 @@ def plan_goal(
         obstacles = explain_unsolvable(problem, task.mendable, require_time)
     # A plan for what is possible is worth more than none; what is left out is told as refused.
     possible = _without(problem, obstacles)
-    steps = _search(possible, max_states, require_time) if possible.goals else None
-    return _result(select, given, task, problem, obstacles, steps, assumed)
+    found = _search(task, possible, max_states, require_time) if possible.goals else None
+    return _result(select, given, task, problem, obstacles, found, assumed)
 
 
 def _without(problem: Problem, obstacles: Sequence[Obstacle]) -> Problem:
@@ -103,10 +111,27 @@ def _without(problem: Problem, obstacles: Sequence[Obstacle]) -> Problem:
 
 
 def _search(
-    problem: Problem, max_states: int, require_time: Callable[[], None]
-) -> tuple[Step, ...] | None:
-    plan = find_plan(problem, max_states=max_states, require_time=require_time)
-    return None if plan is None else plan.steps
+    task: _Task, problem: Problem, max_states: int, require_time: Callable[[], None]
+) -> _Found | None:
+    """Return the steps to all goals, stage after stage; None where there is no plan."""
+    stages: dict[Goal, int] = {}
+    for target in task.targets:
+        stages.setdefault(target.goal, target.aim.stage)
+    facts, steps, ends = problem.facts, list[Step](), list[int]()
+    for stage in sorted({stages[goal] for goal in problem.goals}):
+        # What an earlier stage has reached is to hold at the end of this one as well.
+        goals = tuple(goal for goal in problem.goals if stages[goal] <= stage)
+        plan = find_plan(
+            replace(problem, facts=facts, goals=goals), max_states=max_states,
+            require_time=require_time,
+        )  # fmt: skip
+        if plan is None:
+            return None
+        for step in plan.steps:
+            facts = (facts - set(step.deletes)) | set(step.adds)
+        steps += plan.steps
+        ends.append(len(steps))
+    return _Found(tuple(steps), tuple(ends))
 
 
 def _read(
@@ -207,9 +232,10 @@ def _result(
     task: _Task,
     problem: Problem,
     obstacles: Sequence[Obstacle],
-    steps: tuple[Step, ...] | None,
+    found: _Found | None,
     assumed: tuple[Atom, ...],
 ) -> TaskPlan:
+    steps = () if found is None else found.steps
     robots = _robots(task)
     # All have names, so that those of a plan and of its reasons are told apart from all others.
     members = {value for values in problem.objects.values() for value in values}
@@ -226,11 +252,19 @@ def _result(
         goal=given if isinstance(given, str) else json.dumps(dict(given)),
         understood=tuple(aim.text for aim in task.aims),
         sparql=tuple(aim.sparql for aim in task.aims if aim.variables),
-        steps=planned_steps(task.actions, problem, steps or (), task.experience, assumed, wording),
+        steps=planned_steps(
+            task.actions,
+            problem,
+            steps,
+            task.experience,
+            assumed,
+            wording,
+            () if found is None else found.ends,
+        ),
         refusals=tuple(refusals),
-        assumptions=tuple(wording.atom(atom) for atom in assumed) if steps is not None else (),
-        names=_mentioned(names, problem, steps or (), refusals),
-        is_complete=steps is not None and not obstacles,
+        assumptions=tuple(wording.atom(atom) for atom in assumed) if found is not None else (),
+        names=_mentioned(names, problem, steps, refusals),
+        is_complete=found is not None and not obstacles,
         domain=pddl.domain,
         problem=pddl.problem,
     )

@@ -35,6 +35,9 @@ def refusal(
     wording: Wording,
 ) -> Refusal:
     """Return why a goal is out of reach: the cheapest remedy, and what each robot alone lacks."""
+    if not obstacle.missing:
+        mendable = {**mendable, **_absences(problem)}
+        [obstacle] = explain_unsolvable(replace(problem, goals=(obstacle.goal,)), mendable)
     goal = " or ".join(wording.atom(atom) for atom in obstacle.goal[:3])
     alone: dict[str, str] = {}
     for robot, _ in robots[_MAX_ROBOTS:]:
@@ -49,11 +52,25 @@ def refusal(
     return Refusal(goal, text, tuple(item for item in statements if item is not None), alone)
 
 
+def _absences(problem: Problem) -> dict[str, float]:
+    """Return the conditions that something is not so, each as dear as another, as remedies.
+
+    No statement makes them true: they only say what stands in the way.
+    """
+    conditions = {atom[0] for action in problem.actions for atom in action.preconditions}
+    return {name: 1.0 for name in conditions if name.startswith(_ABSENT)}
+
+
+_ABSENT = "FILTER NOT EXISTS"
+
+
 def _nothing(problem: Problem, obstacle: Obstacle) -> str:
     """Return that no single statement helps: mostly, that nobody knows where something is."""
     subject = obstacle.goal[0][1]
     predicate = obstacle.goal[0][0]
-    if not any(atom[0] == predicate and atom[1] == subject for atom in problem.facts):
+    statement = statement_of(obstacle.goal[0])
+    is_place = statement is not None and statement[1] == RT.locatedOn.value
+    if is_place and not any(atom[0] == predicate and atom[1] == subject for atom in problem.facts):
         return "it is not known where it is: nobody has stated on or in what"
     return "no capability or reach that could be added would make it possible"
 
@@ -108,7 +125,10 @@ def _reason(select: Select, atom: Atom, wording: Wording) -> str:
         label = wording.labels.get(link[1]) or local_name(link[1])
         return f"{wording.name(link[0])} is {label} {wording.name(link[2])}"
     if statement is None:
-        return f"it does not hold that {wording.atom(atom)}"
+        words = wording.atom(atom)
+        if words.startswith("nothing is "):
+            return "something is " + words.removeprefix("nothing is ")
+        return f"it does not hold that {words}"
     if statement[1] != RT.canGrasp.value:
         return f"it is not known that {wording.atom(atom)}"
     return _why_no_grasp(select, statement[0], statement[2], wording)

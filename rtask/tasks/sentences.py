@@ -45,21 +45,23 @@ _FILLERS = frozenset(
         "the of that which who is are be it them up down over please robot move put bring place "
         "get take carry store sort drop lay set pick hold grasp grip lift give hand pass fetch "
         "tidy clean away thing things object objects item items to with for from should must "
-        "lies lie stands stand standing lying only just everything something anything",
+        "lies lie stands stand standing lying first only just everything something anything",
     )
 )
 _OTHERS = frozenset(("off", "my", "our"))
-_SEPARATORS = frozenset(("and", "then"))
+_IN_ORDER = "then"
+_SEPARATORS = frozenset(("and", _IN_ORDER))
 _LEFT_OUT = frozenset((EXCEPT,))
 _MAX_NAMES = 500
 
 
 @dataclass(frozen=True)
 class _Part:
-    """A stretch of a goal between separators: its words, and what they name."""
+    """A stretch of a goal: its words, what they name, and how many "then" stand before it."""
 
     tokens: tuple[str, ...]
     mentions: tuple[Mention, ...]
+    stage: int = 0
 
     def words(self) -> Iterator[tuple[int, str]]:
         """Yield the words that belong to no name, with their places."""
@@ -119,11 +121,14 @@ def aims_in_words(select: Select, text: str, base: str = "") -> tuple[Aim, ...]:
                 f"{' '.join(part.tokens)!r} does not say where to; understood: {_listed([part])}; "
                 "a goal is such as 'every cup into the left box'"
             )
-        aims.append(_aim(part, target, targets[at] is not None))
+        aim = _aim(part, target, targets[at] is not None)
+        later = f"{_IN_ORDER} " * bool(part.stage)
+        aims.append(replace(aim, stage=part.stage, text=later + aim.text))
     return tuple(aims)
 
 
 def _parts(select: Select, text: str, base: str) -> Iterator[_Part]:
+    stage = 0
     for sentence in re.split(r"[;,.!]\s+|[;,.!]$", text):
         tokens = tokens_of(sentence)
         if not tokens:
@@ -144,8 +149,10 @@ def _parts(select: Select, text: str, base: str) -> Iterator[_Part]:
                     yield _Part(
                         tuple(tokens[start:at]),
                         tuple(_moved(m, start) for m in mentions if start <= m.start < at),
+                        stage,
                     )
                 start = at + 1
+                stage += token.lower() == _IN_ORDER
 
 
 def _only_called(select: Select, mentions: Iterable[Mention]) -> list[Mention]:

@@ -94,11 +94,17 @@ def planned_steps(
     experience: Experience,
     assumed: Sequence[Atom],
     wording: Wording,
+    stages: Sequence[int] = (),
 ) -> tuple[PlannedStep, ...]:
     """Return the steps of a plan with reasons, expectations and the earliest start of each.
 
     A step begins when its robots are free and the steps have ended that make its preconditions
     true, or that needed what it undoes.
+
+    Parameters
+    ----------
+    stages
+        Numbers of the last steps of stages: what comes after one waits for all up to it.
     """
     classes = {action.iri: action for action in actions}
     result: list[PlannedStep] = []
@@ -107,6 +113,7 @@ def planned_steps(
     ended: dict[Atom, list[int]] = {}
     ends: dict[int, float] = {0: 0.0}
     free: dict[str, float] = {}
+    gate: list[int] = []
     for number, step in enumerate(steps, 1):
         action, arguments = classes[step.action], dict(step.arguments)
         statements = tuple((prop, arguments[name]) for prop, name in action.statements)
@@ -114,6 +121,10 @@ def planned_steps(
         before = [made.get(atom, 0) for atom in step.preconditions]
         before += [n for atom in step.deletes for n in used.get(atom, ())]
         before += [n for atom in step.adds for n in ended.get(atom, ())]
+        if number - 1 in stages:
+            # Those for which no other waits: whatever else there is has ended before them.
+            gate = sorted(ends.keys() - {0} - {n for done in result for n in done.after})
+        before += gate
         start_s = max(
             [ends[n] for n in before] + [free.get(robot, 0.0) for robot in robots] + [0.0]
         )

@@ -6,7 +6,25 @@ from collections.abc import Callable
 
 from simulate.tasks.executor import Executor, Graph, Turn
 
-__all__ = ["work_alone"]
+__all__ = ["await_plan", "work_alone"]
+
+
+def await_plan(graph: Graph, wait: Callable[[int], bool]) -> bool:
+    """Wait until there is an open plan; return whether one came.
+
+    Parameters
+    ----------
+    graph
+        A client in the name of the robot.
+    wait
+        Called with the number of looks so far; returns whether to look again.
+    """
+    looks = 0
+    while not graph.call("list_plans", state="open")["plans"]:
+        looks += 1
+        if not wait(looks):
+            return False
+    return True
 
 
 def work_alone(

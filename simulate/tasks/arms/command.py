@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,11 +12,14 @@ import click
 
 from rtask.cli.connection import connection
 from rtask.cli.options import agent_option, data_option, server_option
+from rtask.errors import UsageError
 from simulate import options
 
 if TYPE_CHECKING:
     from simulate.tasks.arms.bench import Bench
     from simulate.tasks.arms.film import BenchFilm
+    from simulate.tasks.arms.introducing import Planner
+    from simulate.tasks.arms.working import Settings, Truth
     from simulate.tasks.crew import Ended
     from simulate.tasks.executor import Turn
 
@@ -23,7 +27,7 @@ __all__ = ["crew"]
 
 
 @click.command()
-@click.argument("words", nargs=-1, metavar="GOAL...", required=True)
+@click.argument("words", nargs=-1, metavar="GOAL...")
 @data_option
 @server_option
 @agent_option("In whose name plans are stored.")
@@ -46,12 +50,20 @@ __all__ = ["crew"]
     "--film", type=click.Path(path_type=Path, dir_okay=False), metavar="OUT",
     help="Film the first table to a .webp, .png or .gif file.",
 )  # fmt: skip
+@click.option(
+    "--robot", metavar="NAME",
+    help="Be this robot alone, at a table of its own (--table), and carry out what others plan.",
+)  # fmt: skip
+@click.option(
+    "--idle", type=click.FloatRange(min=0), default=60.0, show_default=True, metavar="S",
+    help="With --robot: leave after this time without a step, s; 0 = never.",
+)  # fmt: skip
 @options.preset
 @options.json_flag("goals, steps, and where things truly are")
 def crew(
     words: tuple[str, ...], data: Path, server: str | None, agent: str | None,
     tables: tuple[str, ...], things: int, seed: int, partly: bool, decline: str | None,
-    film: Path | None, preset: str, as_json: bool,
+    film: Path | None, robot: str | None, idle: float, preset: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Let whole robots carry out GOAL, such as every can into the left box.
 
@@ -59,14 +71,19 @@ def crew(
     plan, and carry it out: look, recognise, choose a grasp with the graph, move, lift, put down,
     judge. What fails is planned again. A step takes some 3 to 10 s of one core. Exit code 1 unless
     the goal is reached or declined.
+
+    With --robot the program is one robot with its table, its things and its token: it looks what
+    stands there, waits for a plan, and takes its steps until no plan is open. Exit code 1 says then
+    that a plan was left open.
     """
     from simulate.tasks.arms.working import Settings, crew_at_tables, layouts_of
     from simulate.world.animation import check_film
     from simulate.world.quiet import banner_on_stderr
 
+    _check_use(words, robot, film, partly)
     if film is not None:
         check_film(film)
-    layouts_of(tables)
+    layouts_of(tables, robot or "")
     goal, turns = " ".join(words), list[dict[str, str]]()
     films: list[BenchFilm] = []
 
@@ -84,7 +101,11 @@ def crew(
 
     with connection(data, server, creates=True) as planner, banner_on_stderr():
         planner.call("list_plans")  # so that a server out of reach is no news after a minute
-        settings = Settings(tables, things, seed, preset)
+        settings = Settings(tables, things, seed, preset, robot or "")
+        if robot is not None:
+            is_done, truths = _alone(planner, settings, tell, may, idle, as_json)
+            _print([], turns, [(t.name, t.remembered, t.place) for t in truths], as_json)
+            raise SystemExit(0 if is_done else 1)
         with crew_at_tables(planner, settings, _filming(film, goal, films)) as working:
             planner.call("store_plan", goal=goal, agent=agent, allow_part=partly)
             ended = working.work(tell, may, agent)
@@ -94,6 +115,44 @@ def crew(
     _print(ended, turns, [(t.name, t.remembered, t.place) for t in truths], as_json)
     if any(run.result in ("given_up", "partly") for run in ended):
         raise SystemExit(1)
+
+
+def _check_use(words: tuple[str, ...], robot: str | None, film: Path | None, partly: bool) -> None:
+    if robot is None and not words:
+        raise UsageError("give a goal, such as every can into the left box; or --robot NAME")
+    if robot is not None and (words or film is not None or partly):
+        raise UsageError("--robot: one robot plans nothing for all; store the plan by rtask plan")
+
+
+def _alone(
+    graph: Planner, settings: Settings, tell: Callable[[str, Turn], None],
+    may: Callable[[str], bool], idle: float, as_json: bool,
+) -> tuple[bool, list[Truth]]:  # fmt: skip
+    """Be one robot until no plan is open; return whether that came about, and where things are."""
+    from simulate.tasks.alone import await_plan, work_alone
+    from simulate.tasks.arms.working import crew_at_tables
+    from simulate.tasks.executor import Executor
+
+    def wait(times: int) -> bool:
+        if idle and times * _LOOK_S > idle:
+            return False
+        time.sleep(_LOOK_S)
+        return True
+
+    with crew_at_tables(graph, settings) as working:
+        [(iri, body)] = working.bodies.items()
+        for item in working.things:
+            place = body.places.get(body.find(item) or "", "")
+            click.echo(f"{iri} sees {item}" + (f" on {place}" if place else ""), err=as_json)
+        executor = Executor(graph, body, iri, may=may)
+        is_done = await_plan(graph, wait) and work_alone(
+            graph, executor, lambda: None, lambda turn: tell(iri, turn), wait
+        )
+        return is_done, working.truths()
+
+
+_LOOK_S = 0.5
+"""Between two looks for a step."""
 
 
 def _filming(path: Path | None, goal: str, films: list[BenchFilm]) -> Callable[[Bench], None]:

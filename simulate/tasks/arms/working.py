@@ -7,6 +7,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+from rtask.errors import UsageError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.scratch import ScratchFolder
 from simulate.robots import check_robot
@@ -40,12 +41,15 @@ class Settings:
         On each table.
     seed, preset
         Of all that is drawn, and of the physics.
+    robot
+        Name of the robot, if one alone is at a table of its own; by default robots are numbered.
     """
 
     tables: tuple[str, ...] = (SORTING,)
     things: int = 4
     seed: int = 0
     preset: str = "faithful"
+    robot: str = ""
 
 
 @dataclass(frozen=True)
@@ -134,7 +138,7 @@ def crew_at_tables(
     """
     with ExitStack() as stack:
         benches, introduced, things = [], [], []
-        for number, layout in enumerate(layouts_of(settings.tables)):
+        for number, layout in enumerate(layouts_of(settings.tables, settings.robot)):
             assets = stack.enter_context(ScratchFolder("assets"))
             bench = _bench(layout, settings, number, assets)
             stack.callback(bench.close)
@@ -147,14 +151,23 @@ def crew_at_tables(
         yield WholeCrew(planner, benches, introduced, things)
 
 
-def layouts_of(tables: Sequence[str]) -> list[Layout]:
+def layouts_of(tables: Sequence[str], robot: str = "") -> list[Layout]:
     """Return the layouts of tables by their names.
+
+    Parameters
+    ----------
+    robot
+        Name of the one robot at the one table; by default robots are numbered.
 
     Raises
     ------
     RobotError
         There is no such kind of robot.
+    UsageError
+        A robot is named, and there is not just one.
     """
+    if robot and (len(tables) != 1 or tables[0] == SORTING):
+        raise UsageError(f"{robot} is one robot: name the kind of its table, such as panda or nao")
     layouts = []
     counts: dict[str, int] = {}
     for table in tables:
@@ -163,7 +176,7 @@ def layouts_of(tables: Sequence[str]) -> list[Layout]:
             continue
         check_robot(table)
         counts[table] = counts.get(table, 0) + 1
-        layouts.append(own_table(f"{table}-{counts[table]}", table))
+        layouts.append(own_table(robot or f"{table}-{counts[table]}", table))
     return layouts
 
 

@@ -103,6 +103,24 @@ def test_a_goal_in_words_a_pattern_and_json_give_the_same_plan(kb):
     assert steps_of(kb.tasks.plan(f"<{PEN}> rt:locatedOn <{RIGHT}>")) == steps_of(pattern)
 
 
+def test_what_comes_then_waits_for_all_before_it(kb):
+    """The cup is the Panda's, the pen the Nao's: they do both at once, unless there is an order."""
+    goal = "the pen into the left box{} the red cup onto the table"
+    at_once, in_order = (kb.tasks.plan(goal.format(word)) for word in (" and", ", then"))
+    first = {
+        plan.understood[1]: next(s for s in plan.steps if s.arguments["thing"] == CUP)
+        for plan in (at_once, in_order)
+    }
+    *_, last = (step for step in in_order.steps if step.arguments["thing"] == PEN)
+    assert [step.after for step in first.values()] == [(), (last.number,)]
+    assert first["then all: red cup: at table"].start_s >= last.start_s + last.duration_s
+    part = {"achieve": f"<{CUP}> rt:locatedOn <{TABLE}>", "then": True}
+    goals = [{"achieve": f"<{PEN}> rt:locatedOn <{LEFT}>"}, part]
+    assert steps_of(kb.tasks.plan({"goals": goals})) == steps_of(in_order)
+    with pytest.raises(UsageError, match='"then" of a goal'):
+        kb.tasks.plan({"goals": [part | {"then": "yes"}]})
+
+
 def test_a_goal_that_is_not_understood_says_what_was_and_the_nearest_names(kb):
     with pytest.raises(UnknownTermError, match=r"'jugg' means nothing.*nearest names are jug"):
         kb.tasks.plan("the jugg into the left box")
@@ -225,7 +243,9 @@ def test_an_ontology_adds_an_action_and_a_robot_cannot():
         assert {local_name(action.iri) for action in known} == {"Grasp", "Place", "HandOver"}
         graph.load(ACTION.encode(), "turtle", graph="https://example.org/kitchen")
         assert [step.text for step in graph.tasks.plan(goal).steps] == ["nao-1 wipes left box"]
-        assert not graph.tasks.plan(goal.replace(LEFT, TABLE)).is_complete  # things stand there
+        (refusal,) = graph.tasks.plan(goal.replace(LEFT, TABLE)).refusals
+        assert "were it not that something is located on table" in refusal.text
+        assert set(refusal.by_robot.values()) == {"something is located on table"}
         wrong = ACTION.replace('?robot rt:reaches ?place"', '?it rt:locatedOn ?place . ?it a ?x"')
         graph.update("DROP GRAPH <https://example.org/kitchen>")
         graph.load(wrong.encode(), "turtle", graph="https://example.org/kitchen")
