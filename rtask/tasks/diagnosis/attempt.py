@@ -87,11 +87,6 @@ class Failure:
         How old the knowledge of the thing's place was; None where not known.
     is_elsewhere
         Whether the thing was seen elsewhere afterwards, or nowhere.
-    is_seen_there
-        Whether the thing was seen where it had been, afterwards.
-    gap, slip
-        Opening of the jaws after closing, and by how much it changed until the end, m; None where
-        not measured.
     margin
         By how much recognition preferred the best match; None where not known.
     neighbours
@@ -119,9 +114,6 @@ class Failure:
     mass: float | None = None
     age_s: float | None = None
     is_elsewhere: bool = False
-    is_seen_there: bool = False
-    gap: float | None = None
-    slip: float | None = None
     margin: float | None = None
     neighbours: tuple[str, ...] = ()
     is_late: bool | None = None

@@ -11,9 +11,6 @@ from rtask.tasks.diagnosis.attempt import Failure
 __all__ = ["Clue", "clues_of"]
 
 _FRESH_S, _OLD_S = 60.0, 3600.0
-_CLOSED_M = 0.002
-"""Opening of jaws that have closed on nothing."""
-_HELD_AND_LOST = ("slip_lift", "slip_hold", "slip_transport")
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,6 @@ def clues_of(failure: Failure) -> Mapping[str, Sequence[Clue]]:
     clues: dict[str, list[Clue]] = defaultdict(list)
     _about_place(failure, clues)
     _about_measures(failure, clues)
-    _about_senses(failure, clues)
     _about_record(failure, clues)
     if failure.margin is not None:
         is_close = failure.margin < 0.1
@@ -57,11 +53,7 @@ def _about_place(failure: Failure, clues: dict[str, list[Clue]]) -> None:
     if failure.is_elsewhere:
         clues["stale_place"].append(Clue(5.0, "afterwards it was seen elsewhere, or nowhere"))
         clues["dropped"].append(Clue(2.0, "afterwards it was seen elsewhere, or nowhere"))
-    if failure.is_seen_there:
-        words = "afterwards it was seen where it had been"
-        clues["stale_place"].append(Clue(0.2, words))
-        clues["dropped"].append(Clue(0.5, words))
-    elif failure.age_s is not None and failure.age_s < _FRESH_S:
+    if failure.age_s is not None and failure.age_s < _FRESH_S:
         clues["stale_place"].append(Clue(0.4, "its place was known since less than a minute"))
     elif failure.age_s is not None and failure.age_s > _OLD_S:
         hours = failure.age_s / 3600
@@ -72,30 +64,6 @@ def _about_place(failure: Failure, clues: dict[str, list[Clue]]) -> None:
             Clue(0.4, "nothing else is known at that place") if near == 0
             else Clue(1.5, f"{near} other things are at that place")
         )  # fmt: skip
-
-
-def _about_senses(failure: Failure, clues: dict[str, list[Clue]]) -> None:
-    """Compare what the jaws closed on with the product, and see how they lost it.
-
-    What is slippery slides out, and the jaws close; what is held far from its centre of mass turns
-    between them, so that they stay as far apart as they were, and an end of it stays on the table.
-    """
-    gap, slip, width = failure.gap, failure.slip, failure.width
-    if gap is None or gap < _CLOSED_M or failure.tried.reason not in _HELD_AND_LOST:
-        return
-    if width:
-        # A factor of 4 and no more: jaws may close across another side than graspWidth tells.
-        off, words = abs(gap - width), f"the jaws closed on {1000 * gap:.0f} mm"
-        if off > max(0.2 * width, 0.004):
-            clues["wrong_identity"].append(Clue(4.0, f"{words}; it is {1000 * width:.0f} mm wide"))
-        elif off < 0.1 * width + 0.002:
-            clues["wrong_identity"].append(Clue(0.35, f"{words}, as wide as it is"))
-    if slip is not None and slip > gap / 2:
-        for kind, factor in (("slippery", 1.5), ("weak_hand", 1.3), ("centre_of_mass", 0.5)):
-            clues[kind].append(Clue(factor, "it slid out of the jaws, which closed"))
-    elif slip is not None:
-        for kind, factor in (("centre_of_mass", 2.5), ("slippery", 0.4), ("weak_hand", 0.5)):
-            clues[kind].append(Clue(factor, "the jaws did not close when it was lost: it turned"))
 
 
 def _about_measures(failure: Failure, clues: dict[str, list[Clue]]) -> None:

@@ -50,8 +50,6 @@ SELECT DISTINCT * WHERE {
   BIND(%s AS ?attempt) ?outcome rt:success ?said .
   OPTIONAL { ?outcome rt:judgedSuccess ?judged } OPTIONAL { ?outcome rt:hasReason/rt:code ?code }
   OPTIONAL { ?outcome rt:hasFeedback/rt:saidReason/rt:code ?saidCode }
-  OPTIONAL { ?outcome rt:hasFeedback ?felt . ?felt rt:jawGap ?gap
-    OPTIONAL { ?felt rt:slipDistance ?slip } }
   OPTIONAL { ?attempt rt:executesGrasp ?grasp
     OPTIONAL { ?grasp rt:graspPose [ rt:x ?along ; rt:theta ?turn ] } }
   OPTIONAL { ?through rt:through ?attempt ; rt:handles ?product }
@@ -88,9 +86,8 @@ SELECT DISTINCT ?grasp ?kind ?along WHERE {
   %s rt:hasGrasp ?grasp . ?grasp rt:gripperType ?kind ;
     rt:graspPose [ rt:x ?along ; rt:theta ?turn ] } ORDER BY ?grasp LIMIT 200"""
 _PLACEMENTS = """
-SELECT ?at ?hand ?begin ?confirmed ?end WHERE {
+SELECT ?at ?hand ?begin ?end WHERE {
   ?placement rt:placementOf %s ; time:hasBeginning/time:inXSDDateTimeStamp ?begin
-  OPTIONAL { ?placement rt:confirmedAt ?confirmed }
   OPTIONAL { ?placement time:hasEnd/time:inXSDDateTimeStamp ?end }
   OPTIONAL { ?placement rt:placedOn|rt:placedIn ?at } OPTIONAL { ?placement rt:heldBy ?hand }
 } ORDER BY ?begin"""
@@ -156,10 +153,7 @@ def _of_attempt(select: Select, attempt: str) -> tuple[Try, dict[str, Any]]:
     )  # fmt: skip
     begun = row.value("started") or row.value("ended")
     margin = None if best is None or following is None else best - following
-    return tried, {
-        "begun": begun, "held": held, "margin": margin, "gap": _number(row, "gap"),
-        "slip": _number(row, "slip"),
-    }  # fmt: skip
+    return tried, {"begun": begun, "held": held, "margin": margin}
 
 
 def _with_step(
@@ -219,7 +213,7 @@ def _around(
             for row in select(PREFIXES + _GRASPS % product)
         )
         others, is_cut = _others(select, product, attempt, tried)
-    age_s, is_elsewhere, is_seen_there, place = _placements(select, tried, _time(more.get("begun")))
+    age_s, is_elsewhere, place = _placements(select, tried, _time(more.get("begun")))
     place = tried.place or place
     tried = Try(
         tried.hand, tried.product, tried.thing, tried.grasp, place, tried.along, tried.held,
@@ -231,8 +225,7 @@ def _around(
     text = more.get("text") or f"{tried.hand.name or 'a robot'} grasps {what}"
     return Failure(
         subject, attempt, more.get("step", ""), text, tried, bool(more.get("held")), length,
-        width, mass, age_s, is_elsewhere, is_seen_there, more.get("gap"), more.get("slip"),
-        more.get("margin"), tuple(names[iri] for iri in near),
+        width, mass, age_s, is_elsewhere, more.get("margin"), tuple(names[iri] for iri in near),
         more.get("is_late"), others, is_cut, _hands(select, tried), grasps,
     )  # fmt: skip
 
@@ -254,14 +247,13 @@ def _others(select: Select, product: str, attempt: str, tried: Try) -> tuple[tup
 
 def _placements(
     select: Select, tried: Try, begun: dt.datetime | None
-) -> tuple[float | None, bool, bool, str]:
-    """Return how old the place was, whether the thing was then seen elsewhere, or there; and it."""
+) -> tuple[float | None, bool, str]:
+    """Return how old the place was, whether the thing turned up elsewhere, and the place."""
     if not tried.thing or begun is None:
-        return None, False, False, tried.place
+        return None, False, tried.place
     rows = list(select(PREFIXES + _PLACEMENTS % NamedNode(tried.thing)))
     placements = [
-        (time, _text(row, "at"), _text(row, "hand"), _time(row.value("confirmed")) or time,
-         _time(row.value("end")))
+        (time, _text(row, "at"), _text(row, "hand"), _time(row.value("end")))
         for row in rows if (time := _time(row.value("begin")))
     ]  # fmt: skip
     before = [placement for placement in placements if placement[0] <= begun]
@@ -269,10 +261,9 @@ def _placements(
     place = tried.place or (before[-1][1] if before else "")
     age_s = (begun - before[-1][0]).total_seconds() if before else None
     is_elsewhere = bool(after) and after[0][1] != place and not after[0][2]
+    # A thing that is lost is nowhere since: its stay has ended, and no other has begun.
     is_elsewhere |= not after and any(end is not None and end > begun for *_, end in before[-1:])
-    # A thing that is seen again where it was keeps its stay, which is confirmed then.
-    is_seen_there = bool(before) and before[-1][1] == place and before[-1][3] > begun
-    return age_s, is_elsewhere, is_seen_there, place
+    return age_s, is_elsewhere, place
 
 
 def _neighbours(select: Select, tried: Try) -> tuple[str, ...]:

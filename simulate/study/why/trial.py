@@ -27,10 +27,6 @@ _PRODUCT, _THING = f"{_BASE}object/0", f"{_BASE}thing/0"
 _OTHERS = tuple(f"{_BASE}object/{number}" for number in range(1, 4))
 _HISTORY_S = 4 * 3600.0
 """How long ago the attempts were that came before."""
-_WIDTH_M = 0.03
-"""Of all products, as :func:`lab_update` states it."""
-_SEEN_AGAIN = 0.8
-"""Chance that a robot sees a thing that is still there after a failure."""
 _AS_STEP = ("late", "dropped", "stale_place")
 """Kinds that may end a step without an attempt."""
 
@@ -51,11 +47,8 @@ class _Lab:
     def place_along(self) -> float:
         return float(self.rng.uniform(-0.42, 0.42))
 
-    def report(
-        self, deed: Deed, product: str, ended: tuple[bool, str], ago_s: float = 0.0,
-        felt: Mapping[str, float] | None = None,
-    ) -> str:  # fmt: skip
-        """Report an outcome of some time ago, with what jaws felt; return the id of its report."""
+    def report(self, deed: Deed, product: str, ended: tuple[bool, str], ago_s: float = 0.0) -> str:
+        """Report an outcome of some time ago; return the id of its report."""
         ended_s = time.time() - ago_s
         self.reported += 1
         held, reason = ended
@@ -66,8 +59,7 @@ class _Lab:
             grasp={"id": "", "in_object": {
                 "x": deed.along * self.length, "y": 0.0, "z": 0.0, "theta": 0.0}},
             # What was lifted is put down again, or hands would be full.
-            outcome={"success": held, "reason": reason, **({"placed": True} if held else {}),
-                     **(felt or {})},
+            outcome={"success": held, "reason": reason, **({"placed": True} if held else {})},
             stamp=ended_s,
         )  # fmt: skip
         return name
@@ -151,9 +143,7 @@ def _fail(lab: _Lab, deed: Deed) -> str:
     kind, rng = lab.truth.kind, lab.rng
     if kind in _AS_STEP and (kind != "stale_place" or rng.random() < 0.5):
         return _fail_step(lab)
-    reason = lab.truth.report()
-    felt = lab.truth.felt(reason, _WIDTH_M)
-    name = lab.report(deed, _PRODUCT, (False, reason), felt=felt)
+    name = lab.report(deed, _PRODUCT, (False, lab.truth.report()))
     rows = rtask.connect(lab.engine).query(
         f'{PREFIXES} SELECT ?event WHERE {{ ?event rt:requestId "{name}" ; rt:hasOutcome ?o }}'
     )
@@ -172,8 +162,6 @@ def _fail(lab: _Lab, deed: Deed) -> str:
     if kind == "stale_place" and rng.random() < 0.8:
         shelf = f"{_BASE}place/shelf"
         lab.client(lab.truth.robot).call("state_place", thing=_THING, place=shelf)
-    elif kind not in ("stale_place", "dropped") and rng.random() < _SEEN_AGAIN:
-        lab.client(lab.truth.robot).call("state_place", thing=_THING, place=_TABLE)
     return attempt
 
 

@@ -34,12 +34,6 @@ KINDS = tuple(_REPORTS)
 """Kinds of failures that are injected."""
 _CURES = {"wrong_identity": "recognise", "stale_place": "look", "collision": "clear",
           "late": "earlier", "dropped": "look"}  # fmt: skip
-_SLIDES = {"slippery": 0.85, "weak_hand": 0.8, "too_heavy": 0.7, "wrong_identity": 0.6,
-           "weak_zone": 0.4, "centre_of_mass": 0.25}  # fmt: skip
-"""Chance that what is lost slides out of the jaws, which close then; else it turns between them."""
-_OTHER_SIDE = 0.15
-"""Chance that the jaws close across another side than the product's width tells."""
-_NOISE_M = 0.0015
 _ANYWAY = ("missed", "slip_lift", "slip_hold", "touched")
 
 
@@ -134,26 +128,6 @@ class Truth:
         """Return what a robot reports when the cause has made it fail."""
         reports = _REPORTS[self.kind]
         return _drawn(tuple(reports), list(reports.values()), self.rng)
-
-    def felt(self, reason: str, width: float) -> dict[str, float]:
-        """Return what jaws measure of a failure, as outcomes have it; empty without a measure.
-
-        Parameters
-        ----------
-        width
-            Of the product, m, as the graph has it.
-        """
-        if reason in ("missed", "pushed_away"):
-            return {"jaw_gap": 0.0}
-        if not reason.startswith("slip_"):
-            return {}
-        rng = self.rng
-        factor = rng.uniform(1.3, 1.8) if rng.random() < _OTHER_SIDE else 1.0
-        if self.kind == "wrong_identity":
-            factor = float(np.exp(rng.normal(0.0, 0.35)))
-        gap = max(width * factor + rng.normal(0.0, _NOISE_M), 0.003)
-        slides = rng.random() < _SLIDES.get(self.kind, 0.6)
-        return {"jaw_gap": gap, "slip": gap if slides else float(rng.uniform(0.0, 0.2)) * gap}
 
 
 def _drawn(names: Sequence[str], chances: Sequence[float], rng: np.random.Generator) -> str:

@@ -13,8 +13,6 @@ from rtask.engine import Engine
 from rtask.errors import UnknownTermError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES
-from rtask.tasks.diagnosis.attempt import Failure, Hand, Try
-from rtask.tasks.diagnosis.evidence import clues_of
 from rtask.tasks.diagnosis.hypotheses import report_chance
 from tests.rtask.tasks.conftest import BASE, LAB, TABLE
 
@@ -34,7 +32,7 @@ def engine():
         yield engine
 
 
-def tried(engine, who, along, reason="ok", product=PEN, **felt):
+def tried(engine, who, along, reason="ok", product=PEN):
     """Report an attempt; return its IRI."""
     name = f"try-{who.agent}-{along}-{product[-1]}"
     engine.call(
@@ -43,7 +41,7 @@ def tried(engine, who, along, reason="ok", product=PEN, **felt):
             "task_id": name,
             "object": product,
             "grasp": {"id": "", "in_object": {"x": along, "y": 0.0, "z": 0.0, "theta": 0.0}},
-            "outcome": {"success": reason == "ok", "reason": reason, "placed": True, **felt},
+            "outcome": {"success": reason == "ok", "reason": reason, "placed": True},
         },
         who,
     )
@@ -87,46 +85,17 @@ def test_a_slippery_thing_fails_wherever_it_is_held(engine):
     assert any("0 of 3" in clue for clue in answer.causes[0].evidence)
 
 
-def chance_of(answer, kind):
-    return sum(cause.chance for cause in answer.causes if cause.kind == kind)
-
-
-def test_what_slides_out_of_the_jaws_is_told_from_what_turns_between_them(engine):
-    """The pen is 10 mm wide; the same reason code, with two measures."""
-    for along in (-0.04, 0.04):
-        tried(engine, PANDA, along)
-    slid, turned = (
-        engine.call("explain_failure", {"subject": attempt}, ANN)
-        for attempt in (
-            tried(engine, PANDA, 0.01, "slip_lift", jaw_gap=0.010, slip=0.010),
-            tried(engine, PANDA, 0.0101, "slip_lift", jaw_gap=0.010, slip=0.001),
-        )
-    )
-    assert chance_of(slid, "slippery") > 2 * chance_of(turned, "slippery")
-    assert chance_of(turned, "centre_of_mass") > 1.3 * chance_of(slid, "centre_of_mass")
-
-
-@pytest.mark.parametrize(("gap", "speaks_for"), [(0.030, None), (0.031, False), (0.045, True)])
-def test_jaws_that_close_on_another_width_speak_for_another_thing(gap, speaks_for):
-    reason = "missed" if speaks_for is None else "slip_lift"
-    failure = Failure("", "", "", "", Try(Hand("", ""), reason=reason), width=0.03, gap=gap)
-    factors = [clue.factor for clue in clues_of(failure).get("wrong_identity", ())]
-    assert [factor > 1 for factor in factors] == ([] if speaks_for is None else [speaks_for])
-
-
-@pytest.mark.parametrize(("where", "clue"), [
-    ({"lost": True}, "seen elsewhere, or nowhere"), ({"place": TABLE}, "seen where it had been"),
-])  # fmt: skip
-def test_where_a_thing_is_seen_after_a_failure_is_evidence_about_its_place(engine, where, clue):
-    """Its stay began in January, so that seeing it again is stored as a confirmation."""
+@pytest.mark.parametrize(
+    ("where", "is_nowhere"), [({"lost": True}, True), ({"place": TABLE}, False)]
+)
+def test_a_thing_that_is_lost_after_a_failure_was_seen_nowhere(engine, where, is_nowhere):
     engine.call("store_plan", {"goal": "every pen into the left box"}, ANN)
     step = engine.call("claim_step", {}, NAO)
     engine.call(
         "end_step", {"task": step.task, "result": "failed", "comment": "missed", **where}, NAO
     )
     answer = engine.call("explain_failure", {"subject": step.task}, ANN)
-    assert clue in answer.text
-    assert (answer.causes[0].kind == "stale_place") == ("lost" in where), answer.text
+    assert ("afterwards it was seen elsewhere, or nowhere" in answer.text) == is_nowhere
 
 
 def test_a_hand_that_fails_at_everything_is_replaced_by_another(engine):
