@@ -103,17 +103,19 @@ def crew(
         planner.call("list_plans")  # so that a server out of reach is no news after a minute
         settings = Settings(tables, things, seed, preset, robot or "")
         if robot is not None:
+            ended: list[Ended] = []
             is_done, truths = _alone(planner, settings, tell, may, idle, as_json)
-            _print([], turns, [(t.name, t.remembered, t.place) for t in truths], as_json)
-            raise SystemExit(0 if is_done else 1)
-        with crew_at_tables(planner, settings, _filming(film, goal, films)) as working:
-            planner.call("store_plan", goal=goal, agent=agent, allow_part=partly)
-            ended = working.work(tell, may, agent)
-            truths = working.truths()
-            if film is not None:
-                films[0].write(film, "; ".join(run.result.replace("_", " ") for run in ended))
+        else:
+            with crew_at_tables(planner, settings, _filming(film, goal, films)) as working:
+                planner.call("store_plan", goal=goal, agent=agent, allow_part=partly)
+                ended = working.work(tell, may, agent)
+                truths = working.truths()
+                if film is not None:
+                    films[0].write(film, "; ".join(run.result.replace("_", " ") for run in ended))
+            is_done = all(run.result in ("reached", "declined") for run in ended)
+    # Only here: within, what goes to standard output is taken for the banner of the physics.
     _print(ended, turns, [(t.name, t.remembered, t.place) for t in truths], as_json)
-    if any(run.result in ("given_up", "partly") for run in ended):
+    if not is_done:
         raise SystemExit(1)
 
 
