@@ -45,7 +45,7 @@ class _Task:
 
 
 @dataclass(frozen=True)
-class _Found:
+class _Sequence:
     """Steps of a plan, and the number of the last one of each stage."""
 
     steps: tuple[Step, ...]
@@ -100,8 +100,8 @@ def plan_goal(
         obstacles = explain_unsolvable(problem, task.mendable, require_time)
     # A plan for what is possible is worth more than none; what is left out is told as refused.
     possible = _without(problem, obstacles)
-    found = _search(task, possible, max_states, require_time) if possible.goals else None
-    return _result(select, given, task, problem, obstacles, found, assumed)
+    solution = _search(task, possible, max_states, require_time) if possible.goals else None
+    return _result(select, given, task, problem, obstacles, solution, assumed)
 
 
 def _without(problem: Problem, obstacles: Sequence[Obstacle]) -> Problem:
@@ -112,7 +112,7 @@ def _without(problem: Problem, obstacles: Sequence[Obstacle]) -> Problem:
 
 def _search(
     task: _Task, problem: Problem, max_states: int, require_time: Callable[[], None]
-) -> _Found | None:
+) -> _Sequence | None:
     """Return the steps to all goals, stage after stage; None where there is no plan."""
     stages: dict[Goal, int] = {}
     for target in task.targets:
@@ -131,7 +131,7 @@ def _search(
             facts = (facts - set(step.deletes)) | set(step.adds)
         steps += plan.steps
         ends.append(len(steps))
-    return _Found(tuple(steps), tuple(ends))
+    return _Sequence(tuple(steps), tuple(ends))
 
 
 def _read(
@@ -232,10 +232,10 @@ def _result(
     task: _Task,
     problem: Problem,
     obstacles: Sequence[Obstacle],
-    found: _Found | None,
+    solution: _Sequence | None,
     assumed: tuple[Atom, ...],
 ) -> TaskPlan:
-    steps = () if found is None else found.steps
+    steps = () if solution is None else solution.steps
     robots = _robots(task)
     # All have names, so that those of a plan and of its reasons are told apart from all others.
     members = {value for values in problem.objects.values() for value in values}
@@ -259,12 +259,12 @@ def _result(
             task.experience,
             assumed,
             wording,
-            () if found is None else found.ends,
+            () if solution is None else solution.ends,
         ),
         refusals=tuple(refusals),
-        assumptions=tuple(wording.atom(atom) for atom in assumed) if found is not None else (),
+        assumptions=tuple(wording.atom(atom) for atom in assumed) if solution is not None else (),
         names=_mentioned(names, problem, steps, refusals),
-        is_complete=found is not None and not obstacles,
+        is_complete=solution is not None and not obstacles,
         domain=pddl.domain,
         problem=pddl.problem,
     )

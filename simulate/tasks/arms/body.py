@@ -112,7 +112,9 @@ class ArmBody:
         self._seen: dict[tuple[str, int], tuple[tuple[float, int], list[Sighting]]] = {}
         self._asked = 0
         self._tried: Counter[str] = Counter()
-        self._bystanders = Bystanders(self, graph)
+        layout = station.bench.layout
+        self._tables = [at for at, name in places.items() if not layout.area(name).is_box]
+        self._bystanders = Bystanders(self, graph, self._tables)
 
     @property
     def hands(self) -> Mapping[str, str]:
@@ -270,9 +272,7 @@ class ArmBody:
         """
         if self._sight(item, place) is not None or self._sight_anew(item, place) is not None:
             return True
-        layout = self.robot.station.bench.layout
-        tables = [at for at, name in self._places.items() if not layout.area(name).is_box]
-        is_gone = all(self._sight(item, at) is None for at in tables)
+        is_gone = all(self._sight(item, at) is None for at in self._tables)
         return run.placed.is_new_there and run.placed.answer == "unknown" and is_gone
 
     def _lies_elsewhere(self, item: str, place: str) -> bool:
@@ -281,9 +281,8 @@ class ArmBody:
         That something new is at the place does not tell what it is: another thing may have been
         pushed there.
         """
-        layout, product = self.robot.station.bench.layout, self._product(item)
-        tables = [at for at, name in self._places.items() if not layout.area(name).is_box]
-        at = [table for table in tables if any(s.object == product for s in self.look(table))]
+        product = self._product(item)
+        at = [table for table in self._tables if any(s.object == product for s in self.look(table))]
         return bool(at) and place not in at
 
     def _take_over(self, item: str, hand: str) -> None:

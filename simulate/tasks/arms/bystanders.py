@@ -7,16 +7,23 @@ before a motion and is not seen after it is no longer said to be there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.executor import Graph
 
-if TYPE_CHECKING:
-    from simulate.tasks.arms.body import ArmBody
+__all__ = ["Bystanders", "Observer"]
 
-__all__ = ["Bystanders"]
+
+class Observer(Protocol):
+    """Eyes of a robot."""
+
+    def is_seen(self, item: str, place: str) -> bool:
+        """Look whether a thing is in an area, from any viewpoint."""
+
+    def place_seen(self, item: str) -> str | None:
+        """Look for a thing in all areas; return the one in which it is seen."""
 
 
 class Bystanders:
@@ -24,16 +31,16 @@ class Bystanders:
 
     Parameters
     ----------
-    body
+    observer
         The robot.
     graph
         A client in its name.
+    areas
+        IRIs of these parts of the table.
     """
 
-    def __init__(self, body: ArmBody, graph: Graph) -> None:
-        self._body, self._graph = body, graph
-        layout = body.robot.station.bench.layout
-        self._areas = [at for at, name in body.places.items() if not layout.area(name).is_box]
+    def __init__(self, observer: Observer, graph: Graph, areas: Sequence[str]) -> None:
+        self._observer, self._graph, self._areas = observer, graph, areas
         self._stood: dict[str, str] = {}
 
     def note(self, but: str) -> None:
@@ -48,8 +55,8 @@ class Bystanders:
         """
         self._stood = {
             item: place
-            for item, place in self._known().items()
-            if item != but and self._body.is_seen(item, place)
+            for item, place in self._whereabouts().items()
+            if item != but and self._observer.is_seen(item, place)
         }
 
     def displaced(self) -> Mapping[str, str | None]:
@@ -57,13 +64,13 @@ class Bystanders:
 
         What another robot has taken meanwhile, as the graph has it, is left out.
         """
-        gone = [item for item, at in self._stood.items() if not self._body.is_seen(item, at)]
-        known = self._known() if gone else {}
-        still = [item for item in gone if known.get(item) == self._stood[item]]
+        gone = [item for item, at in self._stood.items() if not self._observer.is_seen(item, at)]
+        now = self._whereabouts() if gone else {}
+        still = [item for item in gone if now.get(item) == self._stood[item]]
         self._stood = {}
-        return {item: self._body.place_seen(item) for item in still}
+        return {item: self._observer.place_seen(item) for item in still}
 
-    def _known(self) -> dict[str, str]:
+    def _whereabouts(self) -> dict[str, str]:
         """Return the areas of things as the graph has them, by IRI."""
         values = " ".join(f"<{place}>" for place in self._areas)
         return {str(row["thing"]): str(row["place"]) for row in self._graph.query(_AT % values)}

@@ -45,7 +45,7 @@ def test_what_stood_beside_a_motion_is_looked_for_after_it(tmp_path):
             survey(planner, bench, crew)
             [body] = crew.bodies.values()
             at = {name: place for place, name in crew.places.items()}
-            where = {place_of(planner, thing): thing for thing in body._bystanders._known()}
+            where = {place_of(planner, thing): thing for thing in body._bystanders._whereabouts()}
             taken, other = where[at["left half"]], where[at["right half"]]
             [body_of_other] = [laid.body for laid in bench.laid
                                if bench.area_of(laid.body) == "right half"]  # fmt: skip
