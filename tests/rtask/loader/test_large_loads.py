@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import pytest
+from pyoxigraph import Quad
 
 import ontology
 import rtask
 from rtask.errors import ValidationError
 from rtask.kb.commit import validation
+from rtask.kb.store.embedded import EmbeddedStore
+from rtask.kb.store.quads import InGraph
+from rtask.rdf.terms import RDF_TYPE, iri
+
+RDFS = ontology.PREFIXES["rdfs"]
 
 MUG = f"<urn:m{{n}}> a <{ontology.NS}Mug> ; <{ontology.NS}objectId> 'lab/m{{n}}' .\n"
 TOO_LIGHT = f"<urn:m3> <{ontology.NS}mass> -1.0e0 .\n"
@@ -111,3 +118,31 @@ def test_a_subscriber_hears_of_more_statements_than_an_update_may_have() -> None
             assert len(one.get(10).added) == 1
             assert len(many.get(10).added) == count // 7
         assert kb.stats()["closure"] == "current"
+
+
+@pytest.mark.parametrize("union", ["merged", "view"])
+def test_what_follows_from_a_large_document_is_stored_in_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, union: str
+) -> None:
+    parts: list[int] = []
+    bulk_extend = EmbeddedStore.bulk_extend
+
+    def counted(store: EmbeddedStore, quads: Collection[Quad]) -> None:
+        if isinstance(quads, InGraph):
+            parts.append(len(quads))
+        bulk_extend(store, quads)
+
+    monkeypatch.setattr("rtask.loader.load.MAX_QUADS", 20)
+    monkeypatch.setattr("rtask.kb.commit.bulk.MAX_QUADS", 20)
+    monkeypatch.setattr("rtask.kb.commit.bulk._DERIVED_PART", 8)
+    kinds = "".join(f"<urn:k{n}> <{RDFS}subClassOf> <urn:k{n + 1}> .\n" for n in range(3))
+    things = "".join(f"<urn:x{n}> a <urn:k0> .\n" for n in range(20))
+    with rtask.open(tmp_path / "kb", ontologies=False, union=union) as kb:
+        kb.update(f"INSERT DATA {{ {kinds} }}")
+        monkeypatch.setattr(EmbeddedStore, "bulk_extend", counted)
+        [file] = kb.load((things + "<urn:y> <urn:p> 1 .\n").encode(), format="turtle").files
+        assert file.derived == 60
+        assert len(parts) >= 8
+        assert max(parts) <= 8
+        assert len(kb.match(None, RDF_TYPE, iri("urn:k3"), kb.graphs.inferred)) == 20
+        assert kb.verify() == []
