@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from simulate.demo.products import by_product
+from simulate.demo.proof_words import clock
 from simulate.demo.report_attempts import robot_cell
 from simulate.demo.report_hand import HATCH
 
@@ -76,7 +77,7 @@ def _row(folder: Path, result: Mapping[str, Any], titles: Sequence[str]) -> str:
 def _evidence(row: Mapping[str, Any]) -> str:
     what = "held" if row["held"] else "failed"
     same = ", with the grasp that was repeated" if row["same_grasp"] else ""
-    text = f"{row['robot']}, {row['time']}: {what}{same}"
+    text = f"{row['robot']}, {clock(row['time'])}: {what}{same}"
     picture = (
         f'<img src="{escape(row["file"])}" alt="{escape(text)}" style="max-width: 20rem">'
         if row.get("file") else ""

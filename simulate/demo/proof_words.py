@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -10,7 +11,15 @@ from rtask.engine.words import reason_words
 from simulate.demo.products import by_product
 from simulate.demo.report_attempts import GRASP_WORDS
 
-__all__ = ["attempts_of", "find_evidence", "first_grasp", "proof_points", "proof_rows", "reliance"]
+__all__ = [
+    "attempts_of",
+    "clock",
+    "find_evidence",
+    "first_grasp",
+    "proof_points",
+    "proof_rows",
+    "reliance",
+]
 
 Runs = Mapping[str, Mapping[str, Any]]
 """What robots did, each with its ``encounters``, by the title of the run."""
@@ -106,6 +115,15 @@ def find_evidence(
     ]
 
 
+def clock(stamp: str) -> str:
+    """Return the time of day of a stamp of ISO 8601 in UTC, to the second.
+
+    >>> clock("2026-03-01T11:14:56.248878Z")
+    '11:14:56 UTC'
+    """
+    return f"{dt.datetime.fromisoformat(stamp).astimezone(dt.UTC):%H:%M:%S} UTC"
+
+
 def reliance(attempt: Mapping[str, Any] | None, evidence: Sequence[Mapping[str, Any]]) -> str:
     """Return on what the robot with the graph relied, in words."""
     if attempt is None or not evidence:
@@ -114,7 +132,7 @@ def reliance(attempt: Mapping[str, Any] | None, evidence: Sequence[Mapping[str, 
     for row in evidence:
         what = "held" if row["held"] else "failed"
         same = ", the grasp that it repeated" if row["same_grasp"] else ""
-        lines.append(f"  {row['robot']}, {row['time']}: {what}{same}: {row['attempt']}")
+        lines.append(f"  {row['robot']}, {clock(row['time'])}: {what}{same}: {row['attempt']}")
         if row.get("picture_url"):
             lines.append(f"    picture {row['picture_url']}")
     if attempt.get("alone"):

@@ -40,8 +40,8 @@ def _run(*tries: tuple[str, bool]) -> dict[str, Any]:
 
 FAILED, HELD = _run(("candidate", False), ("candidate", True)), _run(("memory", True))
 EVIDENCE = [
-    {"attempt": "urn:a", "robot": "nao-1", "time": "t", "held": True, "same_grasp": True,
-     "picture": "ab", "picture_url": "http://h/ab"},
+    {"attempt": "urn:a", "robot": "nao-1", "time": "2026-03-01T11:14:56.2Z", "held": True,
+     "same_grasp": True, "picture": "ab", "picture_url": "http://h/ab"},
 ]  # fmt: skip
 
 
@@ -94,7 +94,7 @@ def test_attempts_stand_side_by_side() -> None:
 
 def test_what_it_relied_on_is_named_and_nothing_is_made_up() -> None:
     attempt = HELD["encounters"][0]["attempts"][0]
-    assert "urn:a" in reliance(attempt, EVIDENCE)
+    assert "nao-1, 11:14:56 UTC: held, the grasp that it repeated: urn:a" in reliance(attempt, EVIDENCE)
     assert "http://h/ab" in reliance(attempt, EVIDENCE)
     assert "none" in reliance(attempt, [])
     assert find_evidence(object(), "", "nao-2", attempt) == []  # type: ignore[arg-type]
