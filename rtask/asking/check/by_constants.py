@@ -63,11 +63,14 @@ class ByConstants(Look):
 
     def _kind(self, demand: Demand, context: Context) -> str:
         """Return the words for things none of which is in the classes demanded."""
+        node = demand.node
+        given = context.columns.get(node.value, ()) if node.kind == "variable" else ()
+        if given and demand.is_thing is False and all(term.kind == "iri" for term in given):
+            what = demanded(self._vocabulary, demand)
+            return f"?{node.value} is {local(given[0].value)}, but {what}"
         if demand.bits is None or demand.is_observed:
             return ""
-        node = demand.node
-        things = [node] if node.kind == "iri" else context.columns.get(node.value, [])
-        things = [term for term in things if term.kind == "iri"]
+        things = [node] if node.kind == "iri" else [term for term in given if term.kind == "iri"]
         if not things or any(self._suits(term, demand.bits) for term in things):
             return ""
         if any(self._evidence.matches(_with(demand, thing)) for thing in things):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import ontology
 from rtask.asking.check.findings import Finding
 from rtask.asking.check.fitting import is_same_variable, reversed_edge
 from rtask.asking.check.look import Look
+from rtask.asking.check.naming.meanings import leads_as_named
 from rtask.asking.check.naming.usual import kinds_by_name
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context
@@ -51,6 +53,7 @@ class ByData(Look):
         """Return whether a pattern matches with those beside it only the other way round."""
         return (
             not self._is_named_so(edge, context)
+            and not leads_as_named(edge)
             and not is_chained(edge, context)
             and self._evidence.ends_differ(edge.steps[0].node.value, self._vocabulary)
             and self._fitting.is_contradicted(edge, context)
@@ -105,7 +108,19 @@ class ByData(Look):
             beside = neighbour.steps and any(is_same_variable(end, node) for end in neighbour.ends)
             if beside and not self._evidence.matches(neighbour):
                 return False
+        if any(self._is_of_anything(pattern) for pattern in (edge, other)):
+            return False
         return self._evidence.is_common(edge) and self._evidence.is_common(other)
+
+    def _is_of_anything(self, edge: Edge) -> bool:
+        """Return whether a pattern has a common property that may be said of anything.
+
+        That no product has a comment yet, or a time at which it was made, is no fault.
+        """
+        iri = edge.steps[0].node.value
+        axioms = self._vocabulary.properties.get(iri)
+        is_ours = iri == TYPE or iri.startswith(ontology.NS)
+        return not is_ours and (axioms is None or axioms.domain is None)
 
     def _may_meet(self, edge: Edge, at: int, other: Edge, other_at: int, context: Context) -> bool:
         """Return whether the ontology says of both ends that one thing may be at them."""

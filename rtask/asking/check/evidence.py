@@ -23,6 +23,7 @@ __all__ = ["Evidence"]
 MAX_ROWS, MIN_ROWS = 24, 12
 MIN_KINDS = 2
 MAX_ENDS = 30
+MIN_NATURE = 3
 _MANY = 500
 _MOST = 20_000
 
@@ -181,6 +182,37 @@ class Evidence:
         if len(specific) < 2:
             return bits or None
         return vocabulary.below_all(specific) if iri.startswith(ontology.NS) else None
+
+    def has_things(self, iri: str) -> bool | None:
+        """Return whether the first values of a property are all things, or False for all literals.
+
+        None where they are of both sorts, or too few to tell.
+        """
+        key = ("things", iri)
+        if key not in self._answers:
+            rows = list(islice(self._quads(None, NamedNode(iri), None, None), MAX_ROWS))
+            literals = sum(isinstance(quad.object, Literal) for quad in rows)
+            is_mixed = len(rows) < MIN_NATURE or 0 < literals < len(rows)
+            self._answers[key] = None if is_mixed else not literals
+        answer = self._answers[key]
+        return None if answer is None else bool(answer)
+
+    def reaches(self, start: Node, step: Step, end: Node) -> bool:
+        """Return whether a property, walked once or more, leads from one thing to another.
+
+        Only so many things on the way are looked at; beyond, the answer is no.
+        """
+        todo, seen = [NamedNode(start.value)], {start.value}
+        while todo and len(seen) < _MANY:
+            node = Node("iri", todo.pop().value, -1, -1)
+            for _, term in self._rows(Edge(node, [step], Node("variable", " ", -1, -1), -1, -1)):
+                if isinstance(term, NamedNode):
+                    if term.value == end.value:
+                        return True
+                    if term.value not in seen:
+                        seen.add(term.value)
+                        todo.append(term)
+        return False
 
     def is_of_terms(self, iri: str, vocabulary: Vocabulary) -> bool:
         """Return whether all that the graph says with a property is about classes or properties."""

@@ -56,7 +56,7 @@ class Faults:
         left = [(key, context) for key, context in keys if key not in sound]
         for look in (
             self._conflicts, paths.findings, constants.findings, terms.findings, data.findings,
-            names.turned, names.unusual, names.better, words.findings,
+            names.turned, names.unusual, names.better, words.findings, paths.backwards,
         ):  # fmt: skip
             for _, context in left:
                 yield from look(context)

@@ -14,8 +14,8 @@ import ontology
 from rtask.rdf.terms import XSD
 
 __all__ = [
-    "CLASS", "KINDS", "OF_STANDARDS", "ONTOLOGY", "PROPERTIES", "PROPERTY", "is_reserved",
-    "reserved_terms",
+    "CLASS", "KINDS", "MUTUAL", "OF_RULES", "OF_STANDARDS", "ONTOLOGY", "PROPERTIES", "PROPERTY",
+    "is_reserved", "reserved_terms",
 ]  # fmt: skip
 
 _RDF, _RDFS = ontology.PREFIXES["rdf"], ontology.PREFIXES["rdfs"]
@@ -53,6 +53,14 @@ PROPERTIES: dict[str, tuple[str, str]] = {
     _OWL + "priorVersion": (ONTOLOGY, ONTOLOGY),
 }  # fmt: skip
 """Properties that relate terms, with the kinds of subject and value; empty for any."""
+MUTUAL = frozenset(
+    _OWL + name
+    for name in (
+        "inverseOf", "disjointWith", "equivalentClass", "equivalentProperty",
+        "propertyDisjointWith", "complementOf",
+    )
+)  # fmt: skip
+"""Properties of terms that hold both ways by their meaning, and which a graph states one way."""
 _PROV, _SOSA, _TIME = (ontology.PREFIXES[name] for name in ("prov", "sosa", "time"))
 _ACTIVITY, _AGENT = _PROV + "Activity", _PROV + "Agent"
 _OBSERVATION, _SENSOR = _SOSA + "Observation", _SOSA + "Sensor"
@@ -77,6 +85,22 @@ OF_STANDARDS: dict[str, tuple[str, str]] = {
 }
 """Classes of subject and value by property; empty where anything may stand. What a recommendation
 calls an entity may be anything here, so that prov:Entity is left out."""
+_RT, _ROBOT = ontology.NS, ontology.PREFIXES["cora"] + "Robot"
+_OBJECT, _TASK, _HAND = _RT + "ManipulableObject", _RT + "Task", _RT + "EndEffector"
+OF_RULES: dict[str, tuple[str, str]] = {
+    _RT + "canGrasp": (_ROBOT, _OBJECT),
+    _RT + "canPerform": (_ROBOT, _TASK),
+    _RT + "beyondReachOf": ("", _HAND),
+    _RT + "massBound": (_OBJECT, ""),
+    _RT + "effectiveMass": (_OBJECT, ""),
+    _RT + "effectiveGraspWidth": (_OBJECT, ""),
+    _RT + "currentPlacement": ("", _RT + "Placement"),
+    _RT + "openPlacementOf": (_RT + "Placement", ""),
+    _RT + "currentPose": ("", _RT + "Pose"),
+    _RT + "unit": (PROPERTY, ""),
+}
+"""The same for properties whose statements rules derive from things of these classes. The ontology
+gives them no domain or range, from which the types would follow once more with each statement."""
 _NAMES = {
     _RDF: """type Property Statement subject predicate object Bag Seq Alt value List nil first rest
         XMLLiteral HTML JSON langString dirLangString PlainLiteral CompoundLiteral direction

@@ -183,11 +183,14 @@ class Repairs:
         beside = self._fitting.beside(edge, context)
         about = edge.ends[1 if step.is_inverse else 0]
         rated = []
+        named = self._kinds_named(about)
         for iri in properties_named(value.name, self._vocabulary):
             rating = affinity(value.name, iri, self._vocabulary)
             if rating < _NAMED or iri == step.node.value:
                 continue
             known = self._vocabulary.properties[iri]
+            if named and known.domain and not named & known.domain:
+                continue  # ?outcome has no verdict; what people say of it has
             changed = replaced(edge, step.node, iri)
             if self._fitting.fits(known, about, value, beside) and (
                 self._fitting.is_attested(changed, context)

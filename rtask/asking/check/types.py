@@ -35,6 +35,8 @@ class Demand:
         That a literal may have.
     is_observed
         Whether the classes are those that the graph shows, not those that axioms allow.
+    is_seen
+        Whether that it is a thing, or a literal, is what the graph shows.
     node
         The term or variable.
     """
@@ -45,6 +47,7 @@ class Demand:
     is_thing: bool | None
     datatypes: frozenset[str] = frozenset()
     is_observed: bool = False
+    is_seen: bool = False
     node: Node = field(init=False)
 
     def __post_init__(self) -> None:
@@ -80,7 +83,7 @@ class Context:
     around
         Those of the groups around it.
     columns
-        Terms that VALUES gives to variables.
+        Terms that VALUES, FILTER or BIND gives to variables.
     compared
         Variables that expressions read as values, and what they are read as.
     is_tested
@@ -180,6 +183,8 @@ def _collect(group: Group, own: Context, apart: list[Group]) -> None:
     own.own += group.edges
     own.compared += group.compared
     own.columns.update((node.value, terms) for node, terms in group.values)
+    for node, terms in group.equal:
+        own.columns.setdefault(node.value, terms)
     for child in group.children:
         if child.role == "plain":
             _collect(child, own, apart)
@@ -237,8 +242,11 @@ class Demands:
     def _observe(self, demand: Demand, evidence: Evidence) -> None:
         """Fill in the classes of an end about which the ontology says nothing."""
         (step,) = demand.edge.steps
+        at = 1 - demand.at if step.is_inverse else demand.at
+        if demand.is_thing is None and at == 1:
+            demand.is_thing = evidence.has_things(step.node.value)
+            demand.is_seen = demand.is_thing is not None
         if demand.bits is None and demand.is_thing and step.node.value != TYPE:
-            at = 1 - demand.at if step.is_inverse else demand.at
             demand.bits = evidence.ends_of(step.node.value, at, self._vocabulary)
             demand.is_observed = demand.bits is not None
 
@@ -252,8 +260,9 @@ class Demands:
             ends = ((bits, True, frozenset[str]()), (classes, True, frozenset[str]()))
         else:
             axioms = self._vocabulary.properties.get(step.node.value)
-            if axioms is None:
-                return nothing, nothing
+            if axioms is None:  # nothing is ever said of a literal
+                ends = ((None, True, frozenset()), nothing)
+                return ends[::-1] if step.is_inverse else ends
             datatypes = frozenset(axioms.datatypes)
             ends = (
                 (axioms.domain, True, frozenset()),
@@ -309,7 +318,7 @@ class Demands:
         if first.edge is other.edge and first.at == other.at:
             return None
         if None not in (first.is_thing, other.is_thing) and first.is_thing != other.is_thing:
-            return Conflict(first, other, True)
+            return Conflict(first, other, not (first.is_seen or other.is_seen))
         if first.datatypes and other.datatypes and not overlap(first.datatypes, other.datatypes):
             return Conflict(first, other, False)
         if first.bits is None or other.bits is None or first.bits & other.bits:
@@ -327,6 +336,8 @@ class Demands:
         if given.is_observed or seen.bits is None or given.bits is None:
             return False
         if seen.edge.steps[0].node.value.startswith(ontology.NS):
+            if self._vocabulary.sorts_of_any(seen.bits) & self._vocabulary.sorts(given.bits):
+                return False  # what carries things here may itself be grasped elsewhere
             return self._vocabulary.are_unlike(seen.bits, given.bits)
         return self._vocabulary.are_foreign(seen.bits, given.bits)
 

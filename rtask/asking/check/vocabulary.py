@@ -159,7 +159,7 @@ class Vocabulary:
         for iri, ends in metamodel.PROPERTIES.items():
             self._property(iri).relates_things = True
             self._complete(iri, ends)
-        for iri, ends in metamodel.OF_STANDARDS.items():
+        for iri, ends in (*metamodel.OF_STANDARDS.items(), *metamodel.OF_RULES.items()):
             if iri in self.properties:
                 self._complete(iri, ends)
         for label in (_RDFS + "label", "http://www.w3.org/2004/02/skos/core#altLabel"):
@@ -286,6 +286,11 @@ class Vocabulary:
         """Return which of objects, processes and information some classes are."""
         tops = self.most_general(bits)
         return {local(sort) for sort in _SORTS for top in tops if sort in self.above[top]}
+
+    def sorts_of_any(self, bits: int) -> set[str]:
+        """Return the same for what is seen of members: the classes below count, not those above."""
+        return {local(sort) for sort in _SORTS for name in self.names(bits)
+                if sort in self.above[name]}  # fmt: skip
 
     def below_all(self, names: Iterable[str]) -> int | None:
         """Return the bits of the subclasses of what is above all of some classes.

@@ -154,7 +154,16 @@ class ByNames(Look):
     ) -> bool:
         as_is = self._named(about, classes[0]) + self._named(value, classes[1])
         turned = self._named(about, classes[1]) + self._named(value, classes[0])
-        return as_is == 0 and turned == 2
+        if as_is:
+            return False
+        if all(classes):
+            return turned == 2
+        # Where nothing is known of one end, the other has to be called by its whole name.
+        node, kinds = (value, classes[0]) if classes[0] else (about, classes[1])
+        known = kinds_by_name(self._vocabulary).get(node.name.lower(), 0)
+        return turned == 1 and any(
+            known & self._vocabulary.below[iri] for iri in kinds if iri in self._vocabulary.below
+        )
 
     def _is_called_like_the_value(self, about: Node, value: Node, iri: str) -> bool:
         """Return whether a pattern has for its subject what is called like the text or number."""

@@ -11,6 +11,7 @@ from rtask.asking.check.look import Look
 from rtask.asking.check.naming.meanings import (
     head_of,
     is_identifying,
+    is_of_stacks,
     is_process_named,
     kinds_of_word,
     literals_by_word,
@@ -32,11 +33,13 @@ class ByWords(Look):
 
     def findings(self, context: Context) -> Iterator[Finding]:
         """Yield the patterns of a context that the words of its variables contradict."""
-        for edge in self._patterns(context):
+        for edge in context.own:
+            if id(edge) in self._blamed or len(edge.steps) != 1:
+                continue
             if self._is_upside_down(edge, context):
                 self._blamed.add(id(edge))
                 yield self._turned(edge)
-                continue
+        for edge in self._patterns(context):
             for demand in self._fitting.demands.of(edge, context) or ():
                 if demand.node.kind == "variable" and self._is_odd(demand, edge, context):
                     self._blamed.add(id(edge))
@@ -51,12 +54,17 @@ class ByWords(Look):
             return False
         upwards = rank_of_values(step.node.value)
         # That a root has no parent is asked with the root as subject.
-        of_subject = 0 if context.is_tested else rank_of(about.name, is_value=upwards < 0)
-        ranks = rank_of(value.name, is_value=upwards > 0) * upwards, of_subject * -upwards
+        is_stack = is_of_stacks(step.node.value)
+        of_subject = rank_of(about.name, is_value=upwards < 0, is_stack=is_stack)
+        of_value = rank_of(value.name, is_value=upwards > 0, is_stack=is_stack)
+        ranks = of_value * upwards, 0 if context.is_tested else of_subject * -upwards
         if max(ranks) > 0 or min(ranks) == 0 or is_chained(edge, context):
             return False
+        ranked = [node for node, rank in ((about, of_subject), (value, of_value)) if rank]
         if any(
-            self._is_of_its_name(demand) for demand in self._fitting.demands.of(edge, context) or ()
+            self._is_of_its_name(demand)
+            for demand in self._fitting.demands.of(edge, context) or ()
+            if any(is_same_variable(demand.node, node) for node in ranked)
         ):
             return False
         return not self._fitting.misfits(reversed_edge(edge), context)

@@ -13,12 +13,13 @@ from types import MappingProxyType
 import ontology
 from rtask.asking.check.naming.names import PREPOSITIONS, words_of
 from rtask.asking.check.naming.usual import heads
+from rtask.asking.check.syntax.outline import Edge
 from rtask.asking.check.types import family
 from rtask.asking.check.vocabulary import Vocabulary, local
 
 __all__ = [
-    "head_of", "is_identifying", "is_process_named", "kinds_of_word", "literals_by_word",
-    "physical_words", "rank_of", "rank_of_values",
+    "head_of", "is_identifying", "is_of_stacks", "is_process_named", "kinds_of_word",
+    "leads_as_named", "literals_by_word", "physical_words", "rank_of", "rank_of_values",
 ]  # fmt: skip
 
 _OWN = (ontology.NS, ontology.PREFIXES["cora"])
@@ -30,15 +31,21 @@ _PARTICIPLES = {"bound", "found", "held", "lost", "known", "seen", "done", "take
                 "written", "chosen", "said"}  # fmt: skip
 _NO_NOUNS = {"", *_MOMENTS, *_PARTICIPLES}
 _LOWER = {"part", "child", "kid", "piece", "inner", "content", "sub", "narrower", "member",
-          "descendant", "leaf", "step", "copy", "exemplar", "instance", "load",
-          "cargo"}  # fmt: skip
+          "descendant", "leaf", "step", "copy", "exemplar", "instance", "load", "cargo", "below",
+          "deeper", "subclass", "subtype", "under", "lower", "specific", "derived"}  # fmt: skip
 _UPPER = {"whole", "parent", "outer", "super", "broader", "ancestor", "where", "place", "root",
-          "base", "floor", "ground", "room", "spot", "location", "original",
-          "prototype"}  # fmt: skip
+          "base", "floor", "ground", "room", "spot", "location", "original", "prototype", "above",
+          "beyond", "top", "anc", "sup", "superclass", "supertype", "upper", "higher", "general",
+          "world", "source"}  # fmt: skip
 _IN_BETWEEN = {"container", "surface", "holder", "support", "shelf", "table", "tray", "bottom",
                "desk", "bench", "slot", "product"}  # fmt: skip
 """What carries others, and may itself stand on something."""
+_VERTICAL = {
+    **dict.fromkeys(("top", "above", "upper", "higher"), -1),
+    **dict.fromkeys(("bottom", "below", "under", "lower", "beneath", "underneath"), 1),
+}
 _TO_UPPER = {"parent", "ancestor", "located", "placed", "sub", "container", "exemplar"}
+_ENTIRELY_TO_UPPER = {"wasDerivedFrom"}
 _COUNTED = {"a", "b", "c"}
 """Letters that tell things of one kind apart; ``x`` and the like are measures of one."""
 _OF_PROCESSES = {"action", "activity", "event", "process", "operation"}
@@ -130,18 +137,28 @@ def kinds_of_word(word: str, vocabulary: Vocabulary) -> int:
     return 0 if word in _UPPER | _IN_BETWEEN | _LOWER else heads(vocabulary).get(word, 0)
 
 
-def rank_of(name: str, *, is_value: bool = True) -> int:
+def rank_of(name: str, *, is_value: bool = True, is_stack: bool = False) -> int:
     """Return 1 for the name of a whole, -1 for that of a part, 0 for any other.
 
-    A table is a whole for what stands on it, the value; as the subject it may be either.
+    A table is a whole for what stands on it, the value; as the subject it may be either. What is
+    on top of a stack is carried by what is below, while the top of a hierarchy is its whole.
 
     >>> rank_of("parent"), rank_of("inner_part"), rank_of("robot")
     (1, -1, 0)
+    >>> rank_of("top"), rank_of("top", is_stack=True)
+    (1, -1)
     """
     word = head_of(name)
+    if is_stack and word in _VERTICAL:
+        return _VERTICAL[word]
     if word in _UPPER or (is_value and word in _IN_BETWEEN):
         return 1
     return -1 if word in _LOWER else 0
+
+
+def is_of_stacks(iri: str) -> bool:
+    """Return whether a property leads from what stands somewhere to what carries it."""
+    return words_of(local(iri))[:1] in (("located",), ("placed",))
 
 
 def rank_of_values(iri: str) -> int:
@@ -151,6 +168,25 @@ def rank_of_values(iri: str) -> int:
     [1, -1, 0]
     """
     words = words_of(local(iri))
+    if local(iri) in _ENTIRELY_TO_UPPER:
+        return 1
     if words[:1] == ("has",):
         return -1 if words[1:2] and words[1] in _TO_UPPER else 0
     return 1 if words and words[0] in _TO_UPPER else 0
+
+
+def leads_as_named(edge: Edge) -> bool:
+    """Return whether the names of a pattern's variables say that it leads the way it does.
+
+    From a part to the whole, or from what stands on something to what carries it.
+    """
+    (step,) = edge.steps
+    about, value = edge.ends[:: -1 if step.is_inverse else 1]
+    upwards = rank_of_values(step.node.value)
+    ranks = []
+    stack = is_of_stacks(step.node.value)
+    if about.kind == "variable":
+        ranks.append(-upwards * rank_of(about.name, is_value=upwards < 0, is_stack=stack))
+    if value.kind == "variable":
+        ranks.append(upwards * rank_of(value.name, is_value=upwards > 0, is_stack=stack))
+    return max(ranks, default=0) > 0 and min(ranks) >= 0

@@ -150,6 +150,8 @@ class Group:
         Variable of each BIND, with those of its expression.
     values
         Variables of VALUES, with the terms of their columns.
+    equal
+        Variables that a FILTER or BIND makes equal to one of some things.
     compared
         Variables that expressions read as values, each with what they must be there: ``number``,
         ``text``, ``moment``, ``quantity`` (a number or a moment), ``ordered`` or ``literal``.
@@ -167,6 +169,7 @@ class Group:
     filters: list[list[Node]] = field(default_factory=list)
     binds: list[tuple[Node, list[Node]]] = field(default_factory=list)
     values: list[tuple[Node, list[Node]]] = field(default_factory=list)
+    equal: list[tuple[Node, list[Node]]] = field(default_factory=list)
     compared: list[tuple[Node, str]] = field(default_factory=list)
     graph: Node | None = None
     defined: list[Node] = field(default_factory=list)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from rtask.asking.check.syntax.equalities import computes_literal, equalities
 from rtask.asking.check.syntax.outline import Edge, Group, Node, Outline, Role
 from rtask.asking.check.syntax.paths import REPETITIONS, Path, links_of, steps_of
 from rtask.asking.check.syntax.read_as import read_as, renaming
 from rtask.asking.check.syntax.term_reader import TermReader
+from rtask.sparql.tokens import Token
 
 __all__ = ["read_outline"]
 
@@ -35,7 +39,7 @@ class _Reader(TermReader):
 
     def query(self) -> Outline:
         self._prologue()
-        outline = self._select(inner=False)
+        outline = self._select(inner=None)
         outline.iris, outline.prefixes = self.iris, self._prefixes
         outline.inner, outline.aliases = self._inner, self._aliases
         return outline
@@ -51,13 +55,13 @@ class _Reader(TermReader):
             else:
                 self._next()
 
-    def _select(self, inner: bool) -> Outline:
+    def _select(self, inner: Group | None) -> Outline:
         form = self._next().text.upper()
         if form not in ("SELECT", "ASK", "CONSTRUCT", "DESCRIBE"):
             raise self._fail()
         outline = Outline(form, Group("plain", self._now.start))
         if form == "SELECT":
-            self._projection(outline)
+            self._projection(outline, inner)
         elif form == "DESCRIBE":
             outline.selects_all = True
             while not (self._now.is_word("WHERE", "FROM") or self._is("{") or self._ended()):
@@ -77,13 +81,13 @@ class _Reader(TermReader):
             read = outline.body.compared
             outline.body = self._group("plain", outline)
             outline.body.compared += read
-        self._behind_where(outline, inner)
+        self._behind_where(outline, is_inner=inner is not None)
         return outline
 
     def _ended(self) -> bool:
         return self._now.kind == "end"
 
-    def _projection(self, outline: Outline) -> None:
+    def _projection(self, outline: Outline, inner: Group | None) -> None:
         if self._now.is_word("DISTINCT", "REDUCED"):
             self._next()
         if self._skip("*"):
@@ -92,8 +96,11 @@ class _Reader(TermReader):
         while not (self._is("{") or self._now.is_word("WHERE", "FROM") or self._ended()):
             if self._is("("):
                 function = renaming(self._tokens, self._at)
+                begin = self._at
                 variables = self._expression(outline.body)
                 outline.defined.append(variables.pop())
+                if inner is not None:
+                    self._computed(outline.defined[-1], begin, inner)
                 outline.mentioned += variables
                 if function is not None:
                     self._aliases.append((variables[0], function, outline.defined[-1].value))
@@ -106,10 +113,10 @@ class _Reader(TermReader):
             for edge in group.edges:
                 outline.mentioned += [end for end in edge.ends if end.kind == "variable"]
 
-    def _behind_where(self, outline: Outline, inner: bool) -> None:
+    def _behind_where(self, outline: Outline, *, is_inner: bool) -> None:
         grouped: list[Node] | None = None
         target: list[Node] = outline.mentioned
-        while not self._ended() and not (inner and self._is("}")):
+        while not self._ended() and not (is_inner and self._is("}")):
             token = self._now
             if token.is_word("GROUP"):
                 grouped = target = []
@@ -165,8 +172,10 @@ class _Reader(TermReader):
         elif token.is_word("BIND"):
             self._next()
             function = renaming(self._tokens, self._at)
+            begin = self._at
             variables = self._expression(group, outline)
             group.binds.append((variables.pop(), variables))
+            self._computed(group.binds[-1][0], begin, group)
             if function is not None:
                 self._aliases.append((variables[0], function, group.binds[-1][0].value))
         elif token.is_word("VALUES"):
@@ -188,7 +197,7 @@ class _Reader(TermReader):
         group.children += branches
 
     def _subselect(self, group: Group) -> None:
-        inner = self._select(inner=True)
+        inner = self._select(group)
         group.end = self._now.end
         shown = {node.value for node in (*inner.projected, *inner.defined)}
         if not inner.selects_all:
@@ -234,11 +243,30 @@ class _Reader(TermReader):
             self._next()
             group.children.append(self._group("exists", outline))
             return variables
+        begin = self._at
         if not self._is("("):
             token = self._next()
             if token.kind in ("name", "iri"):
                 self.iris.append(self._iri(token))
-        return self._expression(group, outline)
+        variables = self._expression(group, outline)
+        for variable, terms in equalities(self._tokens[begin : self._at], self._thing):
+            group.equal.append((self._variable(variable), terms))
+        return variables
+
+    def _computed(self, variable: Node, begin: int, group: Group) -> None:
+        """Note what ``(... AS ?x)``, read up to here, lets its variable be in a group."""
+        expression = self._tokens[begin + 1 : self._at - 3]
+        thing = self._thing(expression)
+        if thing is not None:
+            group.equal.append((variable, [thing]))
+        elif computes_literal(expression):
+            group.compared.append((variable, "literal"))
+
+    def _thing(self, tokens: Sequence[Token]) -> Node | None:
+        """Return the IRI that some tokens are; None for anything else."""
+        if len(tokens) != 1 or tokens[0].kind not in ("iri", "name"):
+            return None
+        return self._iri(tokens[0])
 
     def _expression(self, group: Group, outline: Outline | None = None) -> list[Node]:
         """Read a bracketed expression; return its variables, in order."""
@@ -350,6 +378,7 @@ def _variables(outline: Outline) -> list[Node]:
     for group in outline.body.walk():
         mentions += [node for edge in group.edges for node in edge.variables]
         mentions += [node for nodes in group.filters for node in nodes]
+        mentions += [node for node, _ in (*group.equal, *group.compared)]
         for node, nodes in (*group.binds, *group.values):
             mentions += [node, *(other for other in nodes if other.kind == "variable")]
         if group.graph is not None and group.graph.kind == "variable":
