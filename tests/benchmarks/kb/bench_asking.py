@@ -100,6 +100,11 @@ def strangers_queries() -> list[tuple[str, str]]:
     return _further("asking_strangers.rq", "strangers")
 
 
+def office_queries() -> list[tuple[str, str]]:
+    """Return queries as people in offices write them, frozen before their first run."""
+    return _further("asking_office.rq", "office")
+
+
 def _further(file: str, stem: str) -> list[tuple[str, str]]:
     texts = (_HERE / file).read_text("utf-8").strip().split("\n\n")
     head = prologue(ontology.PREFIXES)
@@ -185,6 +190,7 @@ def main() -> None:
             ("of robotics people", robotics_queries(), given.show if given.unseen else ""),
             ("in further forms", form_queries(), given.show if given.unseen else ""),
             ("of strangers", strangers_queries(), given.show if given.unseen else ""),
+            ("of people in offices", office_queries(), given.show if given.unseen else ""),
         ):
             print(f"queries {name}")
             measure(Bench(kb), texts, given.seed, show)

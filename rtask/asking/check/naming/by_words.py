@@ -53,6 +53,8 @@ class ByWords(Look):
         if about.kind != "variable" or value.kind != "variable":
             return False
         upwards = rank_of_values(step.node.value)
+        if edge.repeats and "step" in (head_of(about.name), head_of(value.name)):
+            return False  # a step of the path, whichever way it goes
         # That a root has no parent is asked with the root as subject.
         is_stack = is_of_stacks(step.node.value)
         of_subject = rank_of(about.name, is_value=upwards < 0, is_stack=is_stack)
