@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 from urllib.parse import urlencode
 
+from rtask.asking.questions.about import MAX_FACTS, MAX_NOUN, About, about, asks_about
 from rtask.asking.questions.beliefs import (
     BELIEFS,
     ChangedBeliefs,
@@ -99,7 +100,8 @@ class Answer:
     text
         The question as it was asked.
     key
-        Name of the question that was answered; empty if none is near.
+        Name of the question that was answered, ``about`` for what something is; empty if none is
+        near.
     understood
         That question with what fills its slots, in words; empty if none is near.
     filled
@@ -229,6 +231,14 @@ def answer(
         )
         return _changes(text, changed)
     reading = _read(run, text, str(getattr(kb, "base", "")), now)
+    noun = asks_about(text)
+    if noun is not None:
+        base = str(getattr(kb, "base", ""))
+        found = about(run, noun, reading.tokens, reading.mentions, base)
+        if found is not None:
+            return _told(text, found)
+        if reading.ignored and len(noun.split()) <= MAX_NOUN and "there" not in noun:
+            return _unanswered(text, reading, not_named(noun, reading.mentions), ())
     matches = matcher().matches(reading.asked)
     nearest = _nearest(matches)
     best = matches[0]
@@ -305,8 +315,8 @@ def _out_of_scope(
 ) -> str:
     """Return why the nearest question is not the one that is asked, or nothing."""
     asked, phrases = reading.asked, matcher().phrases(question)
-    why = unanswerable(text, asked.words, asked.names, reading.ignored, phrases)
     first, second = nearest[0].likeness, nearest[1].likeness
+    why = unanswerable(text, asked.words, asked.names, reading.ignored, phrases, first)
     return why or (_FAR if first < ASKED and first - second < APART else "")
 
 
@@ -353,6 +363,16 @@ def _changes(text: str, changed: ChangedBeliefs) -> Answer:
         text, "beliefs", f"Which beliefs changed {changed.period}?", {}, (), BELIEFS, rows, {},
         f"{words[:1].upper()}{words[1:]}.", (), len(changed.rows) > MAX_ROWS,
         tuple(f"/resource?{urlencode({'iri': str(row.value('about'))})}" for row in rows),
+    )  # fmt: skip
+
+
+def _told(text: str, found: About) -> Answer:
+    """Return the answer to what something is."""
+    rows = found.rows[:MAX_ROWS]
+    return Answer(
+        text, found.key, found.understood, found.filled, (), found.sparql, rows,
+        {str(python_value(term)): name for term, name in found.names.items()}, found.sentence,
+        (), len(found.rows) > MAX_ROWS or len(found.rows) == MAX_FACTS,
     )  # fmt: skip
 
 

@@ -65,6 +65,20 @@ _ONLY_ACTS = _words("bring deliver fetch grab put remove delete throw carry take
 """Of these, those that are no nouns and no adjectives, either."""
 _DIRECTED = _words("the a an this that these those my your me us him her it all")
 _LACKING = _concepts("lack lacking")
+_ASKS = re.compile(
+    r"^(?:who|whose|what|which|when|where|why|how|is|are|was|were|do|does|did|can|could|has|have|"
+    r"will|may)\b",
+    re.I,
+)
+_IS_SO = re.compile(r"^(?:is|are|was|does|do|did|has)\b(?! (?:there|we|you|i|any)\b)", re.I)
+_POINTS = re.compile(r"\b(?:this|that|it)\W*$", re.I)
+MAX_SHORT = 7
+"""Words of a question that has hardly room for what could be left out."""
+MAX_POINTING = 5
+"""Words of a question that has no room for what "it" refers to."""
+UNSURE = 0.5
+"""Likeness below which each word of a short question has to be one of the nearest question's."""
+_LOOSE = _concepts("think see lie around find lab here guy currently please all")
 _NO_TOPIC = _words("can will may go come make be do have happen")
 
 
@@ -96,7 +110,7 @@ def superlatives(text: str, question: str) -> list[str]:
 
 def unanswerable(
     text: str, words: Sequence[str], names: Iterable[str], strange: Iterable[str],
-    phrases: Sequence[Phrase],
+    phrases: Sequence[Phrase], likeness: float,
 ) -> str:  # fmt: skip
     """Return why a question is not the one that is nearest, or nothing.
 
@@ -112,7 +126,11 @@ def unanswerable(
         Words that mean nothing in any question, as they were written.
     phrases
         The nearest question in its phrasings.
+    likeness
+        Of the question to these.
     """
+    if _POINTS.search(text) and len(raw_words(text)) <= MAX_POINTING and not names:
+        return "What is meant by the last word is not said: a name says it."
     if _MIGHT_BE.search(text):
         return "The graph states what was and what is, not what would or will be."
     named = frozenset(names)
@@ -134,9 +152,28 @@ def unanswerable(
     strange = [word for word in strange if concept(stem(word)) not in _VAGUE]
     if strange and not shared:
         return f"None of the questions is about {strange[0]!r}."
+    if "@use" in words and _IS_SO.match(text.strip()):
+        return "Whether something is so is not what the nearest question asks."
     if topic := _other_topic(text, content, own, strange):
         return f"The nearest question is not about {topic!r}."
+    if left := _left_out(text, content, own, likeness):
+        return f"None of the questions is about {left!r} here."
     return ""
+
+
+def _left_out(text: str, content: Sequence[str], own: set[str], likeness: float) -> str:
+    """Return a word of a short question that the nearest one does not have, or nothing.
+
+    "How old is nao?" is not near to what is asked of nao otherwise. Keywords are no sentence, and a
+    long question says in many words what a phrasing says in few.
+    """
+    words = raw_words(text)
+    if len(words) > MAX_SHORT or "," in text or not _ASKS.match(text.strip()):
+        return ""
+    if likeness >= UNSURE or words[:2] == ["how", "many"]:
+        return ""  # whether it can be counted is told elsewhere
+    left = {word for word in content if concept(word) not in own | _LOOSE | _VAGUE | _NO_TOPIC}
+    return next((word for word in words if stem(word) in left), "")
 
 
 def _denied_alone(text: str, names: Set[str], phrases: Sequence[Phrase]) -> str:
