@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import ontology
 from rtask.asking.cards import card_of, find_term
+from rtask.asking.questions.filling import with_prefixes
 from rtask.asking.questions.mentions import Mention, Select
 from rtask.asking.questions.sentences import MAX_LISTED, names_of, spoken
 from rtask.errors import RtaskError
-from rtask.rdf.terms import Literal, NamedNode, Term, prologue
+from rtask.rdf.terms import Literal, NamedNode, Term
 from rtask.sparql.results import Solutions
 
 __all__ = ["ABOUT", "MAX_FACTS", "MAX_NOUN", "OVERVIEW", "About", "about", "asks_about"]
@@ -62,11 +63,9 @@ _UNITS = {"M": "m", "KiloGM": "kg", "SEC": "s", "N": "N", "RAD": "rad", "M-PER-S
           "N-M": "N m", "PA": "Pa", "PIX": "px", "BYTE": "bytes"}  # fmt: skip
 _INDIVIDUAL = {"object", "robot", "task", "grasp", "frame", "recognition", "cloud", "place",
                "colour", "trait", "use"}  # fmt: skip
-_HEAD = prologue({name: ontology.PREFIXES[name] for name in ("cora", "owl", "prov", "rdfs", "rt")})
 _OF_BOOKS = ("shortId", "objectId", "name", "graphDigest", "requestId", "seed")
-_OVERVIEW = (
-    _HEAD
-    + """SELECT ?what (COUNT(DISTINCT ?thing) AS ?count) WHERE {
+_OVERVIEW = with_prefixes(
+    """SELECT ?what (COUNT(DISTINCT ?thing) AS ?count) WHERE {
   VALUES (?class ?what) {
     (cora:Robot "robots") (rt:ManipulableObject "objects") (rt:SupportSurface "places")
     (rt:GraspConfiguration "grasps") (rt:GraspAttempt "attempts to grasp") (rt:Task "tasks")
@@ -76,8 +75,7 @@ _OVERVIEW = (
   OPTIONAL { ?thing a ?class FILTER NOT EXISTS { ?thing a rt:Exemplar } }
 } GROUP BY ?what"""
 )
-_FIRST = ("which robots are there?", "what can each robot grasp?", "where is each object?",
-          "how often did each robot fail, and why?", "what happened today?")  # fmt: skip
+_FIRST = ("Which robots are there?", "What can each robot grasp?", "Where is each object?")
 
 
 @dataclass(frozen=True)
@@ -158,9 +156,11 @@ def _labelled(select: Select, noun: str) -> About | None:
     spoken_of = noun.strip('"<>')
     texts = {spoken_of, spoken_of.lower(), spoken_of.capitalize()}
     written = " ".join(f"{Literal(text)} {Literal(text, language='en')}" for text in sorted(texts))
-    rows = select(f"""{_HEAD}SELECT DISTINCT ?s WHERE {{
+    rows = select(
+        with_prefixes(f"""SELECT DISTINCT ?s WHERE {{
   VALUES ?n {{ {written} }} ?s rdfs:label ?n FILTER(isIRI(?s))
 }} LIMIT 2""")
+    )
     terms = [row["s"] for row in rows]
     only = terms[0] if len(terms) == 1 else None
     return _thing(select, noun, only) if isinstance(only, NamedNode) else None
@@ -199,8 +199,7 @@ def _overview(select: Select) -> About:
         known[known.index(f"{tried} attempts to grasp")] += f" ({held} held, {failed} failed)"
     words = ", ".join(known) or "nothing yet"
     sentence = (
-        f"What robots share about objects, grasps and tasks: {words}. Ask, for instance: "
-        f"{' '.join(f'{item[:1].upper()}{item[1:]}' for item in _FIRST)} "
+        f"Shared by robots: {words}. Ask, for instance: {' '.join(_FIRST)} "
         "Or what something is, by its name."
     )
     return About(OVERVIEW, "What is in this graph, and what can be asked?", {}, _OVERVIEW, rows, {},
@@ -210,10 +209,10 @@ def _overview(select: Select) -> About:
 def _term(select: Select, noun: str, term: NamedNode) -> About:
     """Return the card of a class or property as an answer."""
     card = card_of(select, term)
-    sparql = f"""{_HEAD}SELECT ?property ?value WHERE {{
+    sparql = with_prefixes(f"""SELECT ?property ?value WHERE {{
   {term} ?property ?value
   FILTER(isIRI(?value) || LANG(?value) IN ("", "en"))
-}} LIMIT {MAX_FACTS}"""
+}} LIMIT {MAX_FACTS}""")
     rows = select(sparql)
     means = card.comment.rstrip(".") or "nothing is said of what it means"
     noun_of = ("instance" if card.kind == "class" else "statement") + "s" * (card.count != 1)
@@ -222,7 +221,8 @@ def _term(select: Select, noun: str, term: NamedNode) -> About:
         f"{card.count} {noun_of}",
     ]
     if card.kind == "class" and 0 < card.count <= MAX_LISTED:
-        members = select(f"{_HEAD}SELECT DISTINCT ?s WHERE {{ ?s a {term} }} LIMIT {MAX_LISTED}")
+        listed = f"SELECT DISTINCT ?s WHERE {{ ?s a {term} }} LIMIT {MAX_LISTED}"
+        members = select(with_prefixes(listed))
         names = names_of(select, [row["s"] for row in members]).values()
         if called := [name for name in dict.fromkeys(names) if not _NUMBERED.fullmatch(name)]:
             parts[-1] += f", {', '.join(called)}"
@@ -235,16 +235,18 @@ def _term(select: Select, noun: str, term: NamedNode) -> About:
 
 def _thing(select: Select, noun: str, term: NamedNode) -> About:
     """Return what is stated of one thing, its kinds first, as an answer."""
-    sparql = f"""{_HEAD}SELECT ?property ?value ?unit WHERE {{
+    sparql = with_prefixes(f"""SELECT ?property ?value ?unit WHERE {{
   {term} ?property ?value
   OPTIONAL {{ ?property rt:unit ?unit }}
-  FILTER(?property != owl:sameAs && !STRSTARTS(STR(?property), STR(prov:)))
-}} LIMIT {MAX_FACTS}"""
+  FILTER(?property != owl:sameAs && !STRSTARTS(STR(?property), "{ontology.PREFIXES["prov"]}"))
+}} LIMIT {MAX_FACTS}""")
     rows = select(sparql)
-    kinds = select(f"""{_HEAD}SELECT DISTINCT ?kind WHERE {{
+    kinds = select(
+        with_prefixes(f"""SELECT DISTINCT ?kind WHERE {{
   {term} a ?kind FILTER(isIRI(?kind))
   FILTER NOT EXISTS {{ {term} a ?lower . ?lower rdfs:subClassOf ?kind FILTER(?lower != ?kind) }}
 }} LIMIT {_SHOWN}""")
+    )
     names = names_of(select, [value for row in rows for value in row] + [term]
                      + [row["kind"] for row in kinds])  # fmt: skip
     called = names.get(term, noun)
@@ -273,9 +275,11 @@ def _facts(rows: Solutions, names: Mapping[Term, str]) -> list[str]:
     told = []
     for named, (values, unit) in grouped.items():
         literal = isinstance(values[0], Literal)
+        values = sorted(values, key=str)
         label = names.get(named, named.value) if isinstance(named, NamedNode) else ""
         if len(values) > _IN_FULL:
-            told.append((2, f"{label}: {len(values)}"))
+            least = "at least " if len(rows) == MAX_FACTS else ""
+            told.append((2, f"{label}: {least}{len(values)}"))
             continue
         shown = ", ".join(f"{spoken(value, names)} {unit}".strip() for value in values)
         told.append((0 if literal else 1, f"{label} {shown}"))
@@ -295,10 +299,10 @@ def _unit(term: Term | None) -> str:
 def _several(select: Select, noun: str, terms: Sequence[NamedNode]) -> About:
     """Return the things of one name, with their kinds, as an answer."""
     values = " ".join(map(str, terms[:MAX_FACTS]))
-    sparql = f"""{_HEAD}SELECT ?thing ?kind WHERE {{
+    sparql = with_prefixes(f"""SELECT ?thing ?kind WHERE {{
   VALUES ?thing {{ {values} }} ?thing a ?kind FILTER(isIRI(?kind))
   FILTER NOT EXISTS {{ ?thing a ?lower . ?lower rdfs:subClassOf ?kind FILTER(?lower != ?kind) }}
-}} LIMIT {MAX_FACTS}"""
+}} LIMIT {MAX_FACTS}""")
     rows = select(sparql)
     names = names_of(select, [value for row in rows for value in row])
     lines = list(

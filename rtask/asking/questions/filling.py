@@ -19,6 +19,7 @@ __all__ = [
     "filled_query",
     "projected",
     "unused_mentions",
+    "with_prefixes",
     "without_order",
 ]
 
@@ -157,7 +158,7 @@ def filled_query(question: Question, filled: Iterable[Filled]) -> str:
     if added:
         end = text.rindex("}")
         text = text[:end].rstrip() + "\n" + "".join(f"  {item}\n" for item in added) + text[end:]
-    return _with_prefixes(text)
+    return with_prefixes(text)
 
 
 def _with_values(text: str, slot: Slot, item: Filled | None) -> str:
@@ -236,7 +237,7 @@ def _instances(variable: str, item: Filled) -> str:
     return f"FILTER EXISTS {{ VALUES ?kind {{ {kinds} }} {variable} a ?kind }}"
 
 
-def _with_prefixes(text: str) -> str:
+def with_prefixes(text: str) -> str:
     """Return a query with the prefixes that it uses, and no other."""
     body = _PREFIX.sub("", text).lstrip()
     declared = dict(ontology.PREFIXES)
