@@ -10,7 +10,7 @@ from endpoint.http.messages import RefusedError, Response
 from endpoint.served import ServedGraph
 from rtask.errors import UnknownTermError
 
-__all__ = ["minimum_version", "staleness_headers", "unknown_so_far"]
+__all__ = ["lag_words", "minimum_version", "staleness_headers", "unknown_so_far"]
 
 WAIT_S = 2.0
 
@@ -82,3 +82,20 @@ def staleness_headers(following: Following) -> list[tuple[str, str]]:
     if not following.is_connected:
         headers.append(("RTASK-Stale", "the server that is followed has not been heard of"))
     return headers
+
+
+def lag_words(following: Following | None) -> str:
+    """Return what a page of a copy that lags has to say first; empty where nothing is missing.
+
+    A page shows much that is not there: "nothing tried yet", "no such object", counts. On a copy
+    that lags, each may have changed at the writer.
+    """
+    if following is None:
+        return ""
+    if not following.is_connected:
+        since = f"for {following.seconds_behind:.0f} s"
+        return f"This copy has not heard of its writer {since}: what is missing here may be there."
+    if (behind := following.commits_behind) > 0:
+        commits = "a commit" if behind == 1 else f"{behind} commits"
+        return f"This copy is {commits} behind its writer: what is missing here may be there."
+    return ""

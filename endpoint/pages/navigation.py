@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from endpoint.follow.versions import lag_words
 from endpoint.pages.render import blueprint, context
 from rtask.errors import UnknownTermError
 from rtask.extras import missing_libraries
@@ -94,4 +95,5 @@ def _sections() -> dict[str, object]:
         "site_sections": [section for section in SECTIONS if is_offered(section.address)],
         "more_pages": [(address, name) for address, name in MORE if is_offered(address)],
         "section_of": section_of,
+        "lag": lag_words(context().following),
     }

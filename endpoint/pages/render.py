@@ -19,6 +19,7 @@ import ontology
 from endpoint.activity.words import title
 from endpoint.application import Application
 from endpoint.context import ServerContext
+from endpoint.follow.versions import staleness_headers
 from endpoint.http.messages import JSON_TYPE, Request, Response
 from endpoint.http.problems import details_of
 from endpoint.served import ServedGraph, embedded
@@ -105,6 +106,9 @@ def finish_page(response: flask.Response) -> flask.Response:
     """Add the headers that keep hostile data harmless, unless a response sets its own."""
     for name, value in _HEADERS.items():
         response.headers.setdefault(name, value)
+    if (following := context().following) is not None:
+        for name, value in staleness_headers(following):
+            response.headers.setdefault(name, value)
     return response
 
 
