@@ -329,8 +329,8 @@ def search(
 ) -> None:
     """Search names, labels, comments and descriptions for WORDS.
 
-    All words must occur; "cup*" matches any ending. A server looks at the best 1,000 texts. Exit
-    code 1 if nothing is found.
+    All words must occur; "cup*" matches any ending. A server refuses words that more than 10,000
+    texts have, rather than leave some out. Exit code 1 if nothing is found.
     """
     from rtask.knowledge_base import KnowledgeBase
 
