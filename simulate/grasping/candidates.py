@@ -21,12 +21,11 @@ __all__ = [
     "Candidate",
     "can_get_there",
     "find_candidates",
+    "groups_as_good",
     "iterate_candidates",
-    "most_promising",
     "target_obstacle",
 ]
 
-_POSTURES_TRIED = 14
 _DIFFERENT = 0.15
 _OPENING_STEPS = 20
 _ANGLE_TOLERANCE = 0.4
@@ -246,17 +245,40 @@ def _judged(
     return judged
 
 
-def most_promising(
-    candidates: Sequence[Candidate], request: GraspRequest, rules: HandRules
-) -> list[Candidate]:
-    """Return the cheapest candidates whose postures differ from those of cheaper ones."""
-    distinct: list[Candidate] = []
-    for candidate in sorted(candidates, key=lambda c: c.cost(request, rules)):
-        if all(np.abs(candidate.posture - k.posture).max() >= _DIFFERENT for k in distinct):
-            distinct.append(candidate)
-            if len(distinct) == _POSTURES_TRIED:
+def groups_as_good(
+    candidates: Sequence[Candidate],
+    request: GraspRequest,
+    rules: HandRules,
+    within: float,
+    least: int,
+) -> list[list[Candidate]]:
+    """Return candidates in groups of about the same cost, the cheapest first.
+
+    Parameters
+    ----------
+    candidates
+        Free of collisions. Of those with nearly the same posture the cheapest is left.
+    within
+        By which costs may differ in a group: 0 = each stands alone.
+    least
+        Number of candidates after which no further group begins.
+    """
+    groups: list[list[Candidate]] = []
+    kept: list[Floats] = []
+    cheapest = -np.inf
+    for cost, candidate in sorted(
+        ((c.cost(request, rules), c) for c in candidates), key=lambda pair: pair[0]
+    ):
+        if kept and (np.abs(np.stack(kept) - candidate.posture).max(axis=1) < _DIFFERENT).any():
+            continue
+        if not groups or cost > cheapest + within:
+            if len(kept) >= least:
                 break
-    return distinct
+            groups.append([])
+            cheapest = cost
+        groups[-1].append(candidate)
+        kept.append(candidate.posture)
+    return groups
 
 
 def target_obstacle(request: GraspRequest) -> Obstacle | PointField:

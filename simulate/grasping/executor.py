@@ -65,7 +65,7 @@ class Executor:
         ]
         self._furniture = walls
         self.space = ArmSpace(robot.description, walls)
-        self.planner = GraspPlanner(self.space)
+        self.planner = GraspPlanner(self.space, box_for=self.box_for)
         self._planners = {UPRIGHT: self.planner}
         self._placed_before = dict.fromkeys(self.boxes, 0)
 
@@ -124,7 +124,7 @@ class Executor:
     def _planner(self, stance: str) -> GraspPlanner:
         if stance not in self._planners:
             space = ArmSpace(standing(self.robot.described, stance), self._furniture)
-            self._planners[stance] = GraspPlanner(space, stance)
+            self._planners[stance] = GraspPlanner(space, stance, self.box_for)
         return self._planners[stance]
 
     def execute(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,18 +14,20 @@ from simulate.grasping.candidates import (
     Candidate,
     can_get_there,
     find_candidates,
+    groups_as_good,
     iterate_candidates,
-    most_promising,
     target_obstacle,
 )
-from simulate.grasping.hand_rules import rules_for
+from simulate.grasping.hand_rules import HandRules, rules_for
 from simulate.grasping.rules import GraspRequest, PlannedGrasp
+from simulate.grasping.whole_motion import WholeMotion
 from simulate.motion.arm_space import ALLOWED, SPEED, ArmSpace
 from simulate.motion.collision import ArmSpheres, Obstacle, PointField, Surroundings
 from simulate.motion.kinematics import Chain, follow_line
 from simulate.motion.stance import UPRIGHT, balance_margin
 from simulate.motion.trajectory import CARRYING_ACCELERATION, time_path
 from simulate.robots.description import Floats
+from simulate.world.world import PlaceBox
 
 __all__ = ["REASONS", "GraspPlanner"]
 
@@ -85,8 +87,19 @@ _LIFTING_CLOSELY: Mapping[tuple[str, str], float] = {
     ("neighbour", "finger"): AT_POSE["neighbour", "finger"],
     ("neighbour", "palm"): AT_POSE["neighbour", "palm"],
 }
+_POSTURES_TRIED = 14
 _BALANCED_M = 0.010
 """Of the centre of mass inside the edge of the feet: the hand goes on moving by some cm."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Ranked:
+    """A candidate, the group that holds as well, and the least time of its motion, s."""
+
+    candidate: Candidate
+    group: int
+    motion: WholeMotion
+    bound_s: float
 
 
 class GraspPlanner:
@@ -99,12 +112,23 @@ class GraspPlanner:
     stance
         Name of the stance. One that is not the robot's own must leave all arms collision-free at
         home, and the robot in balance, wherever the arm goes.
+    box_for
+        Returns the box into which an arm of a side (1 left, -1 right, 0 both) puts an object at
+        y m, if any; by it postures are ranked.
     """
 
-    def __init__(self, space: ArmSpace, stance: str = UPRIGHT) -> None:
+    def __init__(
+        self,
+        space: ArmSpace,
+        stance: str = UPRIGHT,
+        box_for: Callable[[int, float], PlaceBox | None] = lambda side, y: None,
+    ) -> None:
         self.space = space
         self.robot = space.robot
         self.stance = stance
+        self._box_for = box_for
+        self.takes_shortest = True
+        """Whether the fastest of postures that hold as well is taken, or the first that is free."""
 
     def plan(
         self, request: GraspRequest, obstacles: Sequence[Obstacle | PointField], seed: int
@@ -171,15 +195,60 @@ class GraspPlanner:
         steep = [c for c in candidates if posed or c.tilt <= rules.largest_tilt(request)]
         if self.stance:
             steep = [c for c in steep if self._balances(arm, request, c)]
-        best = most_promising([c for c in steep if not c.collides], request, rules)
+        ranked = self._ranked(arm, request, [c for c in steep if not c.collides], rules)
         reason = "grasp_collision" if steep else "tilt" if candidates else "ik"
         for retreats in (_POSED,) if posed else (_BACKWARDS, _SIDEWAYS, _SWEEPING):
-            for candidate in best:
-                planned = self._complete(arm, request, with_target, candidate, retreats, seed)
-                if not isinstance(planned, str):
-                    return replace(planned, obstacles=obstacles, ik_solutions=len(candidates))
-                reason = max(reason, planned, key=REASONS.index)
+            planned = self._fastest(arm, request, with_target, ranked, retreats, seed)
+            if not isinstance(planned, str):
+                return replace(planned, obstacles=obstacles, ik_solutions=len(candidates))
+            reason = max(reason, planned, key=REASONS.index)
         return reason
+
+    def _ranked(
+        self, arm: str, request: GraspRequest, free: Sequence[Candidate], rules: HandRules
+    ) -> list[_Ranked]:
+        """Return the candidates to complete, by groups that hold as well; the fastest first."""
+        parts = self.robot.arm(arm)
+        within = rules.EQUAL if self.takes_shortest else 0.0
+        groups = groups_as_good(free, request, rules, within, _POSTURES_TRIED)
+        if not groups:
+            return []
+        postures = [np.stack([c.posture for c in group]) for group in groups]
+        motion = WholeMotion(
+            self.space.chains[arm], np.array(parts.home), self._box_for(parts.side, request.y),
+            np.concatenate(postures),
+        )  # fmt: skip
+        ranked: list[_Ranked] = []
+        for number, group in enumerate(groups):
+            bounds = motion.bounds(postures[number])
+            order = np.argsort(bounds, kind="stable")
+            ranked += [_Ranked(group[i], number, motion, float(bounds[i])) for i in order]
+        return ranked[:_POSTURES_TRIED]
+
+    def _fastest(
+        self,
+        arm: str,
+        request: GraspRequest,
+        with_target: Surroundings,
+        ranked: Sequence[_Ranked],
+        retreats: _Retreats,
+        seed: int,
+    ) -> PlannedGrasp | str:
+        """Return the fastest plan of the first group that has one, or the reason code."""
+        reason, best, best_s, of = REASONS[0], None, np.inf, -1
+        for entry in ranked:
+            # The lines and detours come on top of a bound, and are much alike within a group.
+            if best is not None and (entry.group != of or entry.bound_s >= best_s):
+                break
+            planned = self._complete(arm, request, with_target, entry.candidate, retreats, seed)
+            if isinstance(planned, str):
+                reason = max(reason, planned, key=REASONS.index)
+                continue
+            whole_s = entry.motion.duration(planned)
+            ways_s = whole_s - planned.approach.duration - planned.lift.duration
+            if ways_s < best_s:
+                best, best_s, of = replace(planned, least_s=whole_s), ways_s, entry.group
+        return best or reason
 
     def _is_home_free(
         self, request: GraspRequest, obstacles: tuple[Obstacle | PointField, ...]

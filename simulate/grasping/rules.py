@@ -209,6 +209,9 @@ class PlannedGrasp:
         Seed of the planner, also used for transport.
     stance
         Stance that the robot takes for it; empty if it keeps its own.
+    least_s
+        Time of its ways up to the end of the lift and, where it is known into which box the object
+        is put, at least of those there and home, s; nan = not known.
     """
 
     request: GraspRequest
@@ -226,6 +229,7 @@ class PlannedGrasp:
     planning_s: float
     seed: int
     stance: str = ""
+    least_s: float = math.nan
 
     @property
     def is_doubtful(self) -> bool:
