@@ -361,7 +361,9 @@ def _aslant(hold: _Hold, postures: Floats, tool: Floats) -> PlacePlan | None:
             line = follow_line(chain, posture, out * away + [0.0, 0.0, up], tolerance=0.006)
             if line is None or (hold.loaded.clearances(line, hold.around, slack) < 0).any():
                 continue
-            home = _way_home(hold, placed, leave[-1], _LEAVING)
+            home = _way_home(hold, placed, leave[-1]) or _way_home(
+                hold, placed, leave[-1], _LEAVING
+            )
             transport, back = _transport(hold, line[-1]), _way_home(hold, hold.around, line[-1])
             if home is None or transport is None or back is None:
                 continue
@@ -373,11 +375,31 @@ def _aslant(hold: _Hold, postures: Floats, tool: Floats) -> PlacePlan | None:
 
 def _clear_of(hold: _Hold, line: Floats, planned: PlacePlan) -> PlacePlan:
     """Return the plan with a way home that stays clear of the placed object, if there is one."""
-    back = _way_home(hold, hold.with_placed(line[0]), line[-1], _LEAVING)
-    if back is None:
-        return planned
-    up = time_path(line, 2 * SPEED["approach"] * hold.chain.velocity)
-    return replace(planned, retreat=join([up, back]))
+    placed, chain = hold.with_placed(line[0]), hold.chain
+    # From above the object nothing of it need be allowed; from around it the fingers would be
+    # allowed to sweep along its top, which topples a can that was set down upright.
+    out = _out_of(hold, placed, line)
+    for up, allowed in ((out, _CARRYING), (line, _LEAVING)):
+        back = _way_home(hold, placed, up[-1], allowed)
+        if back is not None:
+            leave = time_path(up, 2 * SPEED["approach"] * chain.velocity)
+            return replace(planned, retreat=join([leave, back]))
+    return planned
+
+
+def _out_of(hold: _Hold, placed: Surroundings, line: Floats) -> Floats:
+    """Return a line (k, dof) continued straight up until the open hand is free of the object."""
+    slack = hold.empty.slack(placed, _CARRYING)
+    allowed = hold.empty.forgiving(line[-1], placed, slack)
+    for _ in range(round(_HIGHEST_CLIMB_M / _CLIMB_M)):
+        if hold.empty.clearances(line[-1:], placed, slack)[0] >= 0:
+            break
+        up = np.array([0.0, 0.0, _CLIMB_M])
+        more = follow_line(hold.chain, line[-1], up, points=4, tolerance=0.006)
+        if more is None or (hold.empty.clearances(more, placed, allowed) < -_ASIDE_M).any():
+            break
+        line = np.concatenate([line, more[1:]])
+    return line
 
 
 def _rise(

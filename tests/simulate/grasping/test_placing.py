@@ -12,7 +12,7 @@ from simulate.grasping.executor import GraspRequest, PlannedGrasp, Workcell
 from simulate.grasping.judgement import Answer, HeightMap, Judgement
 from simulate.grasping.placing import PlacePlan, PlaceSpot, held_load, plan_place
 from simulate.grasping.planning import GraspPlanner
-from simulate.motion.arm_space import ArmSpace
+from simulate.motion.arm_space import ALLOWED, ArmSpace
 from simulate.motion.collision import Obstacle
 from simulate.robots import describe
 from simulate.robots.description import Floats
@@ -82,6 +82,33 @@ def test_a_thing_is_put_down_near_the_shoulder_from_farther_away() -> None:
     _, away = chain.tool_poses(way.retreat.positions[:20])
     assert float((away[-1] - down) @ rotation[0, :, 2]) < 0.0
     assert plan_place(space, held, start, PlaceSpot.on_table(0.05, -0.124, table)) == "place_plan"
+
+
+def test_the_open_hand_leaves_a_can_on_the_table_without_touching_it() -> None:
+    """A way home from above it that went 18 mm into its top was taken, and toppled it."""
+    robot = describe("panda")
+    table = robot.workplace.table_height
+    boxes = {side: PlaceBox.at(robot.workplace, side, table) for side in ("left", "right")}
+    walls = [Obstacle.box("box", *wall) for box in boxes.values() for wall in box.walls()]
+    space = ArmSpace(robot, walls)
+    planner = GraspPlanner(space, box_for=lambda side, y: boxes["left" if y > 0 else "right"])
+    to = (0.42471, -0.17680)
+    request = GraspRequest(0.40555, -0.03768, 0.94926, width=0.03, length=0.04, height=0.0833,
+                           table_height=table, only_theta=True)  # fmt: skip
+    held = planner.plan(request, [], seed=0)
+    assert isinstance(held, PlannedGrasp)
+    way = plan_place(space, held, held.lift.positions[-1], PlaceSpot.on_table(*to, table))
+    assert isinstance(way, PlacePlan)
+    chain, hand = space.chains[held.arm], space.spheres(held.arm, held.opening)
+    rotation, position = chain.tool_poses(way.lower.positions[-1:])
+    base_from_tool = np.eye(4)
+    base_from_tool[:3, :3], base_from_tool[:3, 3] = rotation[0], position[0]
+    load = held_load(held, chain)
+    base_from_load = base_from_tool @ load.tool_from_load
+    can = Obstacle("placed", base_from_load[:3, 3], load.size / 2, base_from_load[:3, :3])
+    around = space.surroundings(held.arm, table, [can])
+    apart = hand.clearances(way.retreat.positions, around, hand.slack(around, ALLOWED))
+    assert apart.min() > 0
 
 
 @pytest.mark.slow
