@@ -145,7 +145,7 @@ def about(
     terms = dict.fromkeys(term for item in things for term in item.terms)
     named = [term for term in terms if isinstance(term, NamedNode)]
     if len(named) == 1:
-        return _thing(select, noun, named[0])
+        return _individual(select, noun, named[0])
     if len(named) > 1:
         return _several(select, noun, named)
     return _card(select, noun, whole, base) or _labelled(select, noun)
@@ -163,7 +163,7 @@ def _labelled(select: Select, noun: str) -> About | None:
     )
     terms = [row["s"] for row in rows]
     only = terms[0] if len(terms) == 1 else None
-    return _thing(select, noun, only) if isinstance(only, NamedNode) else None
+    return _individual(select, noun, only) if isinstance(only, NamedNode) else None
 
 
 def _asks_for_kind(tokens: Sequence[str], noun: str) -> bool:
@@ -180,8 +180,8 @@ def _card(select: Select, noun: str, whole: Sequence[Mention], base: str) -> Abo
     except RtaskError:
         kinds = {term for item in whole if item.role.endswith("kind") for term in item.terms}
         only = next(iter(kinds), None)
-        is_one = len(kinds) == 1 and isinstance(only, NamedNode) and not _is_plural(whole)
-        return _term(select, noun, only) if is_one and isinstance(only, NamedNode) else None
+        is_single = len(kinds) == 1 and isinstance(only, NamedNode) and not _is_plural(whole)
+        return _term(select, noun, only) if is_single and isinstance(only, NamedNode) else None
 
 
 def _is_plural(mentions: Sequence[Mention]) -> bool:
@@ -193,11 +193,11 @@ def _overview(select: Select) -> About:
     counts = {str(row.value("what")): int(str(row.value("count"))) for row in rows}
     order = ("robots", "objects", "places", "tasks", "grasps", "attempts to grasp", "refusals",
              "hidden causes")  # fmt: skip
-    known = [f"{counts[what]} {what}" for what in order if counts.get(what)]
+    phrases = [f"{counts[what]} {what}" for what in order if counts.get(what)]
     if tried := counts.get("attempts to grasp"):
         held, failed = counts.get("that held", 0), counts.get("that failed", 0)
-        known[known.index(f"{tried} attempts to grasp")] += f" ({held} held, {failed} failed)"
-    words = ", ".join(known) or "nothing yet"
+        phrases[phrases.index(f"{tried} attempts to grasp")] += f" ({held} held, {failed} failed)"
+    words = ", ".join(phrases) or "nothing yet"
     sentence = (
         f"Shared by robots: {words}. Ask, for instance: {' '.join(_FIRST)} "
         "Or what something is, by its name."
@@ -233,7 +233,7 @@ def _term(select: Select, noun: str, term: NamedNode) -> About:
     )  # fmt: skip
 
 
-def _thing(select: Select, noun: str, term: NamedNode) -> About:
+def _individual(select: Select, noun: str, term: NamedNode) -> About:
     """Return what is stated of one thing, its kinds first, as an answer."""
     sparql = with_prefixes(f"""SELECT ?property ?value ?unit WHERE {{
   {term} ?property ?value
@@ -267,26 +267,26 @@ def _facts(rows: Solutions, names: Mapping[Term, str]) -> list[str]:
     grouped: dict[Term, tuple[list[Term], str]] = {}
     for row in rows:
         named, value = row["property"], row["value"]
-        if not isinstance(named, NamedNode) or value is None or not _is_told(named):
+        if not isinstance(named, NamedNode) or value is None or not _is_shown(named):
             continue
         values, _ = grouped.setdefault(named, ([], _unit(row["unit"])))
         if value not in values:
             values.append(value)
-    told = []
+    facts = []
     for named, (values, unit) in grouped.items():
         literal = isinstance(values[0], Literal)
         values = sorted(values, key=str)
         label = names.get(named, named.value) if isinstance(named, NamedNode) else ""
         if len(values) > _IN_FULL:
             least = "at least " if len(rows) == MAX_FACTS else ""
-            told.append((2, f"{label}: {least}{len(values)}"))
+            facts.append((2, f"{label}: {least}{len(values)}"))
             continue
         shown = ", ".join(f"{spoken(value, names)} {unit}".strip() for value in values)
-        told.append((0 if literal else 1, f"{label} {shown}"))
-    return [words for _, words in sorted(told)]
+        facts.append((0 if literal else 1, f"{label} {shown}"))
+    return [words for _, words in sorted(facts)]
 
 
-def _is_told(named: NamedNode) -> bool:
+def _is_shown(named: NamedNode) -> bool:
     name = named.value.removeprefix(ontology.NS)
     return named.value.startswith(ontology.NS) and name not in _OF_BOOKS
 

@@ -234,9 +234,9 @@ def answer(
     noun = asks_about(text)
     if noun is not None:
         base = str(getattr(kb, "base", ""))
-        found = about(run, noun, reading.tokens, reading.mentions, base)
-        if found is not None:
-            return _told(text, found)
+        match = about(run, noun, reading.tokens, reading.mentions, base)
+        if match is not None:
+            return _answer_about(text, match)
         if reading.ignored and len(noun.split()) <= MAX_NOUN and "there" not in noun:
             return _unanswered(text, reading, not_named(noun, reading.mentions), ())
     matches = matcher().matches(reading.asked)
@@ -366,13 +366,13 @@ def _changes(text: str, changed: ChangedBeliefs) -> Answer:
     )  # fmt: skip
 
 
-def _told(text: str, found: About) -> Answer:
+def _answer_about(text: str, answer: About) -> Answer:
     """Return the answer to what something is."""
-    rows = found.rows[:MAX_ROWS]
+    rows = answer.rows[:MAX_ROWS]
     return Answer(
-        text, found.key, found.understood, found.filled, (), found.sparql, rows,
-        {str(python_value(term)): name for term, name in found.names.items()}, found.sentence,
-        (), len(found.rows) > MAX_ROWS or len(found.rows) == MAX_FACTS,
+        text, answer.key, answer.understood, answer.filled, (), answer.sparql, rows,
+        {str(python_value(term)): name for term, name in answer.names.items()}, answer.sentence,
+        (), len(answer.rows) > MAX_ROWS or len(answer.rows) == MAX_FACTS,
     )  # fmt: skip
 
 

@@ -87,7 +87,7 @@ class Ladder:
     def seqs(self) -> list[int]:
         """Return the numbers of the commits of which there are copies, ascending."""
         with self._lock:
-            return sorted(self._known())
+            return sorted(self._stored())
 
     def beside(self, seq: int) -> list[Rung]:
         """Return the last copy from before or at a commit, and the first from after it."""
@@ -103,7 +103,7 @@ class Ladder:
     def copy(self, rung: Rung, target: Path) -> bool:
         """Link a copy anew, to be changed; return whether it is still there."""
         with self._lock:
-            if rung.seq not in self._known():
+            if rung.seq not in self._stored():
                 return False
             try:
                 _link(rung.path, target)
@@ -122,7 +122,7 @@ class Ladder:
         home = self._home / str(seq)
         draft = self._home / f"{seq}.draft"
         with self._lock:
-            if seq in self._known():
+            if seq in self._stored():
                 return
             try:
                 draft.mkdir(parents=True)
@@ -133,7 +133,7 @@ class Ladder:
                 _log.warning("no copy of commit %d is kept: %s", seq, error)
                 shutil.rmtree(draft, ignore_errors=True)
                 return
-            self._known()[seq] = _files(home / "store")
+            self._stored()[seq] = _files(home / "store")
             self._thin()
 
     def clear(self) -> None:
@@ -150,7 +150,7 @@ class Ladder:
     def _path(self, seq: int) -> Path:
         return self._home / str(seq) / "store"
 
-    def _known(self) -> dict[int, dict[int, int]]:
+    def _stored(self) -> dict[int, dict[int, int]]:
         """Return the files of each copy, by inode with their sizes; read once from the disk."""
         if self._rungs is None:
             self._rungs = {}
@@ -173,7 +173,7 @@ class Ladder:
 
     def _own_bytes(self) -> int:
         files: dict[int, int] = {}
-        for each in self._known().values():
+        for each in self._stored().values():
             files.update(each)
         for inode in _files(self._store):
             files.pop(inode, None)
@@ -182,16 +182,16 @@ class Ladder:
     def _thin(self) -> None:
         """Delete the copies that are missed least until the rest take no more than they may."""
         oldest = self._journal.oldest() or 0
-        for seq in [seq for seq in self._known() if seq + 1 < oldest]:
+        for seq in [seq for seq in self._stored() if seq + 1 < oldest]:
             self._remove(seq)
-        while len(self._known()) > 1 and (
-            len(self._known()) > self._max_rungs or self._own_bytes() > self._max_bytes
+        while len(self._stored()) > 1 and (
+            len(self._stored()) > self._max_rungs or self._own_bytes() > self._max_bytes
         ):
             self._remove(self._least_missed())
 
     def _least_missed(self) -> int:
         """Return the copy without which the gap would be smallest for its age."""
-        seqs = sorted(self._known())
+        seqs = sorted(self._stored())
         newest = max(self._journal.written, seqs[-1])
         following = [*seqs[1:], newest]
         preceding = [seqs[0], *seqs[:-1]]
@@ -203,7 +203,7 @@ class Ladder:
         return seqs[min(range(len(seqs)), key=gap)]
 
     def _remove(self, seq: int) -> None:
-        self._known().pop(seq, None)
+        self._stored().pop(seq, None)
         gone = self._home / f"{seq}.gone"
         with contextlib.suppress(OSError):
             (self._home / str(seq)).rename(gone)  # at once, so that no half of it is left

@@ -40,15 +40,15 @@ def equalities(
     if len(tokens) > _MAX_TOKENS:
         return []
     tokens = _bare(tokens)
-    found: list[tuple[Token, list[Node]]] = []
+    equal: list[tuple[Token, list[Node]]] = []
     for conjunct in _split(tokens, "&&"):
         options = [_atom(_bare(option), read_term) for option in _split(_bare(conjunct), "||")]
-        known = [option for option in options if option is not None]
-        if known and len(known) == len(options):
-            variables = {variable.text[1:] for variable, _ in known}
+        complete = [option for option in options if option is not None]
+        if complete and len(complete) == len(options):
+            variables = {variable.text[1:] for variable, _ in complete}
             if len(variables) == 1:
-                found.append((known[0][0], [term for _, terms in known for term in terms]))
-    return found
+                equal.append((complete[0][0], [term for _, terms in complete for term in terms]))
+    return equal
 
 
 def computes_literal(tokens: Sequence[Token]) -> bool:

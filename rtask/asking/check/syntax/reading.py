@@ -249,20 +249,20 @@ class _Reader(TermReader):
             if token.kind in ("name", "iri"):
                 self.iris.append(self._iri(token))
         variables = self._expression(group, outline)
-        for variable, terms in equalities(self._tokens[begin : self._at], self._thing):
+        for variable, terms in equalities(self._tokens[begin : self._at], self._named_node):
             group.equal.append((self._variable(variable), terms))
         return variables
 
     def _computed(self, variable: Node, begin: int, group: Group) -> None:
         """Note what ``(... AS ?x)``, read up to here, lets its variable be in a group."""
         expression = self._tokens[begin + 1 : self._at - 3]
-        thing = self._thing(expression)
+        thing = self._named_node(expression)
         if thing is not None:
             group.equal.append((variable, [thing]))
         elif computes_literal(expression):
             group.compared.append((variable, "literal"))
 
-    def _thing(self, tokens: Sequence[Token]) -> Node | None:
+    def _named_node(self, tokens: Sequence[Token]) -> Node | None:
         """Return the IRI that some tokens are; None for anything else."""
         if len(tokens) != 1 or tokens[0].kind not in ("iri", "name"):
             return None
