@@ -264,20 +264,23 @@ def groups_as_good(
         Number of candidates after which no further group begins.
     """
     groups: list[list[Candidate]] = []
-    kept: list[Floats] = []
+    separate: list[Floats] = []
     cheapest = -np.inf
     for cost, candidate in sorted(
         ((c.cost(request, rules), c) for c in candidates), key=lambda pair: pair[0]
     ):
-        if kept and (np.abs(np.stack(kept) - candidate.posture).max(axis=1) < _DIFFERENT).any():
+        if (
+            separate
+            and (np.abs(np.stack(separate) - candidate.posture).max(axis=1) < _DIFFERENT).any()
+        ):
             continue
         if not groups or cost > cheapest + within:
-            if len(kept) >= least:
+            if len(separate) >= least:
                 break
             groups.append([])
             cheapest = cost
         groups[-1].append(candidate)
-        kept.append(candidate.posture)
+        separate.append(candidate.posture)
     return groups
 
 

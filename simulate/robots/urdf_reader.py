@@ -180,9 +180,9 @@ class _Reader:
         reasons = lost_sources(joints)
         for name, reason in reasons.items():
             self._gap(f"joint {name!r}", reason, "moves by itself")
-        kept = [replace(j, mimic=None, mimic_offset=0.0) if j.name in reasons else j
+        driven = [replace(j, mimic=None, mimic_offset=0.0) if j.name in reasons else j
                 for j in joints]  # fmt: skip
-        led, motors = with_leading_slides(kept, self._unlimited)
+        led, motors = with_leading_slides(driven, self._unlimited)
         for name, motor in motors.items():
             self._gap(
                 f"joint {name!r}", f"follows {motor!r}, which has no limits", "moves by itself"
