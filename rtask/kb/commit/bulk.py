@@ -49,10 +49,10 @@ from rtask.rdf.terms import DEFAULT, GraphName, NamedNode, iri
 __all__ = ["BulkLoad", "TripleText", "bulk_add", "complete", "finish_bulk"]
 
 _MARK = "loading.json"
-_DERIVED_PART = 700_000
-"""Each part becomes files of its own, which the store then merges, and so writes again: ten parts
-wrote 2.7 times the bytes of one. A part of this size takes less memory than the document,
-of which the store holds a million statements at once."""
+_DERIVED_PART = 400_000
+"""Each part becomes files of its own, which the store then merges, and so writes again; but the
+store holds a part in memory: with 700,000 a load of 300,000 statements wrote 12 % less, and its
+peak was 160 MB higher."""
 
 
 @dataclass(frozen=True)
