@@ -10,13 +10,15 @@ import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import ontology
-from rtask.asking.questions.mentions import Select
 from rtask.asking.terms import Reader
 from rtask.errors import UnknownTermError, UsageError, nearest
 from rtask.rdf.terms import NamedNode, iri, prologue
+
+if TYPE_CHECKING:  # questions in words show cards, too
+    from rtask.asking.questions.mentions import Select
 
 __all__ = ["Card", "TermLine", "Use", "card_of", "find_term", "list_terms", "shortened"]
 

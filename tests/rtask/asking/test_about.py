@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 
 from rtask.asking.questions import answer
@@ -42,6 +45,11 @@ def test_who_asks_what_can_be_asked_is_told_what_there_is(kb: KnowledgeBase, tex
                     "Where is each object?"):  # fmt: skip
         assert example in found.sentence
         assert answer(kb, example).is_understood
+
+
+@pytest.mark.parametrize("module", ["rtask.asking.cards", "rtask.asking.questions"])
+def test_cards_and_questions_are_imported_in_either_order(module: str) -> None:
+    subprocess.run([sys.executable, "-c", f"import {module}"], check=True, timeout=120)
 
 
 def test_several_things_of_one_name_are_listed(kb: KnowledgeBase) -> None:
