@@ -21,7 +21,7 @@ from rtask.asking.questions.beliefs import (
     past_states,
 )
 from rtask.asking.questions.catalogue import Question
-from rtask.asking.questions.counting import Counting, counting, is_numeric, noun_counted
+from rtask.asking.questions.counting import Noun, count_of, counting_of, noun_counted
 from rtask.asking.questions.filling import (
     Filled,
     by_role,
@@ -44,6 +44,7 @@ from rtask.asking.questions.missing import missing_name, missing_number, not_nam
 from rtask.asking.questions.periods import Period, find_period
 from rtask.asking.questions.scope import command, superlatives, unanswerable
 from rtask.asking.questions.sentences import MAX_CLAUSES, called_only, names_of, sentence
+from rtask.asking.questions.totals import BY_KIND, TOTAL, counted_in, total
 from rtask.asking.questions.why import why_of
 from rtask.asking.questions.words import split_name, stem, uncontracted
 from rtask.errors import UsageError
@@ -231,9 +232,30 @@ def answer(
         )
         return _changes(text, changed)
     reading = _read(run, text, str(getattr(kb, "base", "")), now)
+    if (counted := counted_in(text)) is not None:
+        return _total(run, text, counted, reading)
+    return _answer(run, text, reading, str(getattr(kb, "base", "")))
+
+
+def _total(run: Select, text: str, noun: str, reading: _Reading) -> Answer:
+    """Return the answer to how many things of a sort there are, with their kinds if any counts."""
+    whole = total(run, noun)
+    matches = matcher().matches(reading.asked)
+    if matches[0].question.key == BY_KIND:
+        by_kind = _answered(run, text, reading, matches[0].question, _nearest(matches))
+        if by_kind.is_understood:
+            words = f"{whole.sentence} {by_kind.sentence}"
+            return replace(by_kind, sentence=words, count=whole.count)
+    return Answer(
+        text, TOTAL, whole.understood, {}, (), whole.sparql, whole.rows, {}, whole.sentence,
+        _nearest(matches), count=whole.count,
+    )  # fmt: skip
+
+
+def _answer(run: Select, text: str, reading: _Reading, base: str) -> Answer:
+    """Return the answer to any other question."""
     noun = asks_about(text)
     if noun is not None:
-        base = str(getattr(kb, "base", ""))
         match = about(run, noun, reading.tokens, reading.mentions, base)
         if match is not None:
             return _answer_about(text, match)
@@ -267,7 +289,8 @@ def _answered(
     sparql = filled_query(question, filled)
     noun, counts = noun_counted(reading.tokens), None
     if noun is not None:
-        counts, is_answered = _counting(question, filled, reading, sparql, noun)
+        counted = Noun(noun, reading.tokens, reading.mentions)
+        counts, is_answered = counting_of(question, filled, sparql, counted)
         if not is_answered:
             words = f"What is called {reading.tokens[noun]!r} cannot be counted here."
             return _unanswered(text, reading, words, nearest)
@@ -285,7 +308,7 @@ def _answered(
     reading = replace(reading, ignored=tuple(dict.fromkeys([*reading.ignored, *unused])))
     rows = run(_limited(sparql))
     is_cut = len(rows) > MAX_ROWS
-    count = None if counts is None else _count(run, counts, rows, is_cut)
+    count = None if counts is None else count_of(run, counts, rows, is_cut)
     rows = rows[:MAX_ROWS]
     names = names_of(run, [term for row in rows for term in row])
     return Answer(
@@ -323,28 +346,6 @@ def _out_of_scope(
 def _with_nearest(words: str, nearest: tuple[Near, ...]) -> str:
     listed = "; ".join(item.question for item in nearest)
     return f"{words} The nearest are: {listed}"
-
-
-def _counting(
-    question: Question, filled: list[Filled], reading: _Reading, sparql: str, at: int
-) -> tuple[Counting | None, bool]:
-    """Return how the noun at a place of the question is counted, and whether it is at all."""
-    covering = {item.text for item in reading.mentions if item.start <= at < item.end}
-    for item in filled:
-        if item.text in covering:
-            variable = "" if item.slot.is_constant else item.slot.term
-            counts = counting(question, sparql, "", variable)
-            return counts, counts is not None
-    noun = stem(reading.tokens[at].lower())
-    counts = counting(question, sparql, noun)
-    return counts, counts is not None or is_numeric(question, noun)
-
-
-def _count(run: Select, counts: Counting, rows: Solutions, is_cut: bool) -> int:
-    """Return how many things there are; beyond the rows that are shown, the graph counts them."""
-    if is_cut:
-        return int(str(run(counts.counted)[0].value("count")))
-    return len({row[counts.variable.removeprefix("?")] for row in rows} - {None})
 
 
 def _counted_words(count: int | None) -> str:

@@ -7,10 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rtask.asking.questions.catalogue import Question
-from rtask.asking.questions.filling import projected, without_order
+from rtask.asking.questions.filling import Filled, projected, without_order
+from rtask.asking.questions.mentions import Mention, Select
 from rtask.asking.questions.words import STOP, concept, split_name, stem
+from rtask.sparql.results import Solutions
 
-__all__ = ["Counting", "counting", "is_numeric", "noun_counted"]
+__all__ = [
+    "Counting", "Noun", "count_of", "counting", "counting_of", "is_numeric", "noun_counted",
+]  # fmt: skip
 
 _ROLES = {"robot": "robot", "object": "object", "hand": "hand", "trait": "trait"}
 _STARRED = re.compile(r"\{(\w+)\*\}")
@@ -38,6 +42,23 @@ class Counting:
     variable: str
     listed: str
     counted: str
+
+
+@dataclass(frozen=True)
+class Noun:
+    """The noun that a question counts.
+
+    Parameters
+    ----------
+    at
+        Its place among the tokens, as of :func:`noun_counted`.
+    tokens, mentions
+        Words of the question, and what they name.
+    """
+
+    at: int
+    tokens: Sequence[str]
+    mentions: Sequence[Mention]
 
 
 def noun_counted(tokens: Sequence[str]) -> int | None:
@@ -96,6 +117,28 @@ def counting(question: Question, sparql: str, noun: str, variable: str = "") -> 
     number = f"SELECT (COUNT(DISTINCT {variable}) AS ?count)"
     counted = f"{prefixes}{number}\nWHERE {{\n  {{\n{inner}\n  }}\n}}\n"
     return Counting(variable, sparql, counted)
+
+
+def counting_of(
+    question: Question, filled: Sequence[Filled], sparql: str, noun: Noun
+) -> tuple[Counting | None, bool]:
+    """Return how the noun of a question is counted in its answer, and whether it is at all."""
+    covering = {item.text for item in noun.mentions if item.start <= noun.at < item.end}
+    for item in filled:
+        if item.text in covering:
+            variable = "" if item.slot.is_constant else item.slot.term
+            counts = counting(question, sparql, "", variable)
+            return counts, counts is not None
+    word = stem(noun.tokens[noun.at].lower())
+    counts = counting(question, sparql, word)
+    return counts, counts is not None or is_numeric(question, word)
+
+
+def count_of(select: Select, counts: Counting, rows: Solutions, is_cut: bool) -> int:
+    """Return how many things there are; beyond the rows that are shown, the graph counts them."""
+    if is_cut:
+        return int(str(select(counts.counted)[0].value("count")))
+    return len({row[counts.variable.removeprefix("?")] for row in rows} - {None})
 
 
 def _has(text: str, variable: str) -> bool:

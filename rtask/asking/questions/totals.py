@@ -1,0 +1,126 @@
+"""Questions for a total: "how many attempts were there?" asks for one number of the whole graph.
+
+The ontology's questions count for each robot, object or kind. Adding up what they count gives
+another number: what was attempted with a thing that never was held, say, is in none of their rows.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from rtask.asking.questions.filling import with_prefixes
+from rtask.asking.questions.mentions import Select
+from rtask.sparql.results import Solutions
+
+__all__ = ["BY_KIND", "TOTAL", "Total", "counted_in", "total"]
+
+TOTAL = "total"
+BY_KIND = "cq26"
+"""The ontology's question for the robots and objects of each kind, whose rows tell more."""
+_COUNTED = {
+    "attempts": ("rt:GraspAttempt", "attempt to grasp", "attempts to grasp"),
+    "objects": ("rt:ManipulableObject", "object", "objects"),
+    "robots": ("cora:Robot", "robot", "robots"),
+    "grasps": ("rt:GraspConfiguration", "grasp", "grasps"),
+    "tasks": ("rt:Task", "task", "tasks"),
+    "places": ("rt:SupportSurface", "place", "places"),
+    "refusals": ("rt:GraspRefusal", "refusal to grasp", "refusals to grasp"),
+    "recognitions": ("rt:RecognitionResult", "recognition", "recognitions"),
+    "hidden causes": ("rt:HiddenCause", "hidden cause", "hidden causes"),
+}
+_ALSO = {
+    "grasp attempts": "attempts", "grasping attempts": "attempts", "attempts to grasp": "attempts",
+    "attempts at grasping": "attempts", "tries": "attempts", "trials": "attempts",
+    "manipulable objects": "objects", "known objects": "objects", "known robots": "robots",
+    "known grasps": "grasps", "grasp configurations": "grasps",
+}  # fmt: skip
+# The whole text has to match: any word beyond ("... for the mug", "... failed") asks for a part.
+_ASKS = re.compile(
+    r"(?:(?:so|and|ok|okay|please|now|then)\b[,\s]*)*"
+    r"(?:how many|(?:what(?: is|'s) )?(?:the )?(?:total )?number of(?: all)?|"
+    r"count(?: all)?(?: the)?)"
+    r" (?P<noun>[a-z]+(?: [a-z]+){0,2}?)"
+    r"(?: (?:(?:are|were) (?:there|known|stored|recorded|made)|(?:have|had) there been|"
+    r"(?:have|had) been (?:made|recorded|stored)|exist|"
+    r"(?:do|does|has|have) (?:you|we|it|the graph|the store) (?:know|have|hold|store)(?: of)?))?"
+    r"(?: (?:in (?:total|all|(?:this|the) (?:graph|store))|altogether|overall|so far))*\s*[?.!]*",
+    re.I,
+)
+_QUERY = "SELECT (COUNT(DISTINCT ?thing) AS ?count) WHERE {\n  ?thing a $class\n}"
+_QUERIES = {
+    "attempts": """SELECT (COUNT(DISTINCT ?attempt) AS ?count) (COUNT(DISTINCT ?good) AS ?held)
+  (COUNT(DISTINCT ?bad) AS ?failed)
+  (COUNT(DISTINCT ?attempt) - COUNT(DISTINCT ?judged) AS ?open)
+WHERE {
+  ?attempt a $class
+  OPTIONAL { ?attempt rt:hasOutcome/rt:success ?success BIND(?attempt AS ?judged) }
+  OPTIONAL { ?attempt rt:hasOutcome/rt:success true BIND(?attempt AS ?good) }
+  OPTIONAL { ?attempt rt:hasOutcome/rt:success false BIND(?attempt AS ?bad) }
+}""",
+    # A single thing is an object, too; counted with its product, one carton would be two objects.
+    "objects": """SELECT (COUNT(DISTINCT ?thing) - COUNT(DISTINCT ?one) AS ?count)
+  (COUNT(DISTINCT ?one) AS ?single)
+WHERE {
+  ?thing a $class
+  OPTIONAL { ?thing a rt:Exemplar BIND(?thing AS ?one) }
+}""",
+}
+
+
+@dataclass(frozen=True)
+class Total:
+    """The number of all things of a sort that the graph knows.
+
+    Parameters
+    ----------
+    understood
+        The question in full.
+    sparql, rows
+        Its query, and the one row of its answer.
+    count
+        How many there are.
+    sentence
+        The answer in words.
+    """
+
+    understood: str
+    sparql: str
+    rows: Solutions
+    count: int
+    sentence: str
+
+
+def counted_in(text: str) -> str | None:
+    """Return the noun whose total a question asks for, or None if it asks for something else.
+
+    >>> counted_in("How many grasp attempts were there in total?"), counted_in("number of robots")
+    ('attempts', 'robots')
+    >>> counted_in("How many attempts did nao make?") is None
+    True
+    """
+    match = _ASKS.fullmatch(" ".join(text.split()))
+    noun = match["noun"].lower() if match else ""
+    noun = _ALSO.get(noun, noun)
+    return noun if noun in _COUNTED else None
+
+
+def total(select: Select, noun: str) -> Total:
+    """Return the number of all things that a noun of :func:`counted_in` stands for."""
+    cls, one, many = _COUNTED[noun]
+    sparql = with_prefixes(_QUERIES.get(noun, _QUERY).replace("$class", cls))
+    rows = select(sparql)
+    numbers = {name: int(str(rows[0].value(name))) for name in rows.variables}
+    count = numbers["count"]
+    words = f"{count} {one if count == 1 else many} {'is' if count == 1 else 'are'} known"
+    if not count:
+        words = f"No {one} is known, which does not mean that there is none"
+    elif noun == "attempts":
+        held, failed = numbers["held"], numbers["failed"]
+        words += f": {held} held, {failed} failed"
+        # An attempt without an outcome neither held nor failed as far as is known.
+        words += f", of {numbers['open']} the outcome is not known" if numbers["open"] else ""
+    elif numbers.get("single"):
+        single = numbers["single"]
+        words += f", and {single} exemplar{'s' * (single != 1)} of them (single things)"
+    return Total(f"How many {many} are known?", sparql, rows, count, f"{words}.")

@@ -1,0 +1,79 @@
+"""Questions for a total are answered with one number of the whole graph."""
+
+from __future__ import annotations
+
+import pytest
+
+import ontology
+import rtask
+from rtask.asking.questions import answer
+from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.terms import prologue
+from rtask.sparql.syntax import check_query
+
+_LAB = f"""PREFIX rt: <{ontology.NS}>
+INSERT DATA {{
+  <urn:5> a rt:ManipulableObject ; rt:name "carton-5" .
+  <urn:6> a rt:ManipulableObject ; rt:name "carton-6" .
+  <urn:5/a> a rt:ManipulableObject, rt:Exemplar ; rt:exemplarOf <urn:5> .
+  <urn:a1> a rt:GraspAttempt ; rt:hasOutcome <urn:o1> . <urn:o1> rt:success true .
+  <urn:a2> a rt:GraspAttempt ; rt:hasOutcome <urn:o2> . <urn:o2> rt:success false .
+  <urn:a3> a rt:GraspAttempt ; rt:hasOutcome <urn:o3> . <urn:o3> rt:success false .
+  <urn:a4> a rt:GraspAttempt .
+  <urn:t> rt:handles <urn:5> ; rt:through <urn:a1> .
+}}"""
+
+
+@pytest.mark.parametrize(
+    ("text", "cls"),
+    [
+        ("How many attempts were there?", "rt:GraspAttempt"),
+        ("how many grasp attempts have been made in total", "rt:GraspAttempt"),
+        ("number of attempts", "rt:GraspAttempt"),
+        ("How many objects are there?", "rt:ManipulableObject"),
+        ("How many objects do you know?", "rt:ManipulableObject"),
+        ("how many robots are there?", "cora:Robot"),
+        ("What is the number of robots?", "cora:Robot"),
+        ("How many grasps are there in the graph?", "rt:GraspConfiguration"),
+        ("How many tasks are known so far?", "rt:Task"),
+    ],
+)
+def test_a_total_counts_all_of_a_sort(kb: KnowledgeBase, text: str, cls: str) -> None:
+    found = answer(kb, text)
+    query = f"SELECT DISTINCT ?s {{ ?s a {cls} FILTER NOT EXISTS {{ ?s a rt:Exemplar }} }}"
+    all_of_it = len(kb.select(prologue(ontology.PREFIXES) + query))
+    assert all_of_it > 1
+    assert found.count == all_of_it
+    assert found.sentence.startswith(f"{all_of_it} ")
+    assert found.is_understood
+    check_query(found.sparql)
+
+
+def test_attempts_without_a_task_or_an_outcome_are_attempts() -> None:
+    with rtask.open(":memory:", reason=False) as kb:
+        kb.update(_LAB)
+        tried = answer(kb, "How many attempts were there?")
+        objects = answer(kb, "How many objects are there?")
+        grasps = answer(kb, "How many grasps are there?")
+    assert tried.sentence == (
+        "4 attempts to grasp are known: 1 held, 2 failed, of 1 the outcome is not known."
+    )
+    assert objects.count == 2
+    assert objects.sentence.startswith("2 objects are known, and 1 exemplar of them")
+    assert grasps.sentence == "No grasp is known, which does not mean that there is none."
+    assert grasps.count == 0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "How many attempts did nao make?", "How many attempts were there for the mug?",
+        "How many robots can hold the mug?", "How many attempts of each robot held?",
+        "How many objects have never been held?", "how many grasps does the mug have?",
+        "how many mugs are there?", "How many attempts failed?",
+    ],
+)  # fmt: skip
+def test_a_part_is_not_answered_with_the_total(kb: KnowledgeBase, text: str) -> None:
+    found = answer(kb, text)
+    assert found.key != "total"
+    assert " known: " not in found.sentence
