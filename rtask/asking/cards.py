@@ -95,6 +95,12 @@ class Card:
     uses
         Of a class: the properties of its members; of a property: the classes of its subjects. The
         first thousand members or statements are looked at.
+    on_statements
+        Of a property: how many of its subjects are reifiers (RDF 1.2), so that it says something
+        about another statement, as a confidence does.
+    annotates
+        Of such a property: the properties of the statements that it is about, among the first
+        thousand.
     replaced_by
         Terms to use instead of a deprecated one.
     is_deprecated
@@ -116,6 +122,8 @@ class Card:
     domain: tuple[str, ...] = ()
     range: tuple[str, ...] = ()
     uses: tuple[Use, ...] = ()
+    on_statements: int = 0
+    annotates: tuple[Use, ...] = ()
     replaced_by: tuple[str, ...] = ()
     is_deprecated: bool = False
     example: str = ""
@@ -133,7 +141,9 @@ class Card:
         if self.is_deprecated:
             instead = f"; use {', '.join(self.replaced_by)}" if self.replaced_by else ""
             lines.append(f"deprecated{instead}")
-        lines.append(f"{self.count} {noun}{'' if self.count == 1 else 's'}")
+        counted = f"{self.count} {noun}{'' if self.count == 1 else 's'}"
+        about = f", {self.on_statements} of them about other statements"
+        lines.append(counted + (about if self.on_statements else ""))
         for heading, terms in (
             ("above", self.above), ("below", self.below),
             ("domain", self.domain), ("range", self.range),
@@ -143,6 +153,9 @@ class Card:
             heading = "properties" if self.kind == "class" else "of"
             uses = ", ".join(f"{use.term} ({use.count})" for use in self.uses)
             lines.append(f"{heading}: {uses}")
+        if self.annotates:
+            about = ", ".join(f"{use.term} ({use.count})" for use in self.annotates)
+            lines.append(f"about statements with: {about}")
         lines += ["", *self.example.splitlines()]
         if self.questions:
             lines += ["", *(f"question: {text}" for text in self.questions)]
@@ -167,7 +180,12 @@ def card_of(select: Select, term: NamedNode) -> Card:
     else:
         raise UnknownTermError(f"the graph has no class or property {name}")
     uses = _uses(select, term, kind)
+    on_statements = _on_statements(select, term) if kind == "property" else 0
     domain, value_range = (_ends(select, term, end) for end in ("domain", "range"))
+    if on_statements and not uses:
+        example = _example_about_statements(name)
+    else:
+        example = _example(name, kind, uses, _met(select, term, uses, domain))
     definitions = [*stated.get(_NS["skos"] + "definition", ()),
                    *stated.get(_NS["rdfs"] + "comment", ())]  # fmt: skip
     replaced = stated.get(_NS["dcterms"] + "isReplacedBy", ())
@@ -183,9 +201,11 @@ def card_of(select: Select, term: NamedNode) -> Card:
         domain=domain,
         range=value_range,
         uses=uses,
+        on_statements=on_statements,
+        annotates=_annotates(select, term) if on_statements else (),
         replaced_by=_shortened(replaced),
         is_deprecated="True" in stated.get(_NS["owl"] + "deprecated", ()),
-        example=_example(name, kind, uses, _met(select, term, uses, domain)),
+        example=example,
         questions=_questions_with(name),
     )
 
@@ -369,6 +389,27 @@ def _uses(select: Select, term: NamedNode, kind: str) -> tuple[Use, ...]:
     return tuple(uses[:_USES])
 
 
+def _on_statements(select: Select, term: NamedNode) -> int:
+    """Return how many reifiers have a property; no class tells that they are reifiers."""
+    pattern = f"?s {term} ?o . ?s <{_NS['rdf']}reifies> ?t"
+    (row,) = _rows(select, f"SELECT (COUNT(DISTINCT ?s) AS ?n) {{ {pattern} }}")
+    return int(_text(row["n"]))
+
+
+def _annotates(select: Select, term: NamedNode) -> tuple[Use, ...]:
+    """Return the properties of the statements that a property is about.
+
+    Asked only where there are reifiers: a server without RDF 1.2 has no ``PREDICATE``.
+    """
+    rows = _rows(
+        select,
+        f"{_PROLOGUE}SELECT ?x (COUNT(DISTINCT ?s) AS ?n) {{ {{ SELECT DISTINCT ?s ?t {{ "
+        f"?s {term} ?o ; rdf:reifies ?t }} LIMIT {_SAMPLE} }} BIND(PREDICATE(?t) AS ?x) "
+        f"FILTER(BOUND(?x)) }} GROUP BY ?x ORDER BY DESC(?n) ?x LIMIT {_USES}",
+    )
+    return tuple(Use(shortened(_text(row["x"])), int(_text(row["n"]))) for row in rows)
+
+
 def _met(
     select: Select, term: NamedNode, uses: tuple[Use, ...], domain: tuple[str, ...]
 ) -> tuple[str, ...]:
@@ -404,6 +445,14 @@ def _example(name: str, kind: str, uses: tuple[Use, ...], domain: tuple[str, ...
     )
     head = " ".join(["?thing", *(f"?{variable}" for variable in variables)])
     return f"SELECT {head} WHERE {{\n  ?thing a {name}{optional}\n}} LIMIT 10"
+
+
+def _example_about_statements(name: str) -> str:
+    """Return a query for ten statements with what a property says about them."""
+    return (
+        "SELECT ?thing ?property ?value ?what WHERE {\n"
+        f"  ?statement rdf:reifies <<( ?thing ?property ?value )>> ; {name} ?what\n}} LIMIT 10"
+    )
 
 
 @cache

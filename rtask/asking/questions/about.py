@@ -220,6 +220,9 @@ def _term(select: Select, noun: str, term: NamedNode) -> About:
         f"{card.label or noun} ({card.term}, a {card.kind}): {means}",
         f"{card.count} {noun_of}",
     ]
+    if card.on_statements:
+        properties = ", ".join(use.term for use in card.annotates)
+        parts[-1] += f", {card.on_statements} of them about statements with {properties}"
     if card.kind == "class" and 0 < card.count <= MAX_LISTED:
         listed = f"SELECT DISTINCT ?s WHERE {{ ?s a {term} }} LIMIT {MAX_LISTED}"
         members = select(with_prefixes(listed))

@@ -7,9 +7,14 @@ import sys
 
 import pytest
 
+import ontology
+import rtask
+from rtask.asking.cards import Use, card_of
 from rtask.asking.questions import answer
 from rtask.asking.questions.about import asks_about
 from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import RDF_TYPE, prologue
 
 
 @pytest.mark.parametrize(
@@ -78,3 +83,24 @@ def test_what_nothing_is_called_gets_no_other_answer(kb: KnowledgeBase) -> None:
 def test_other_questions_are_not_about_one_thing(kb: KnowledgeBase, text: str) -> None:
     noun = asks_about(text)
     assert noun is None or answer(kb, text).key != "about"
+
+
+def test_uses_on_reifiers_are_uses_of_a_property() -> None:
+    """A confidence is stated of a statement: no thing in the graph has one."""
+    with rtask.open(":memory:", base="urn:lab/") as kb:
+        with kb.transaction(agent="nao") as change:
+            for number in (1, 2):
+                thing = f"urn:mug/{number}"
+                change.add(thing, RDF_TYPE, RT.Mug, confidence=0.5)
+            change.add("urn:mug/1", RT.name, "red", confidence=0.9)
+            change.add("urn:mug/2", RT.name, "blue")
+        card = card_of(kb.select, RT.confidence)
+        rows = kb.select(prologue(ontology.PREFIXES) + card.example)
+        found = answer(kb, "What does confidence mean?")
+        named = card_of(kb.select, RT.name)
+    assert (card.count, card.on_statements, card.uses) == (3, 3, ())
+    assert card.annotates == (Use("rdf:type", 2), Use("rt:name", 1))
+    assert "3 statements, 3 of them about other statements" in card.lines()
+    assert sorted(float(str(row.value("what"))) for row in rows) == [0.5, 0.5, 0.9]
+    assert "3 statements, 3 of them about statements with rdf:type, rt:name" in found.sentence
+    assert (named.on_statements, named.annotates) == (0, ())
