@@ -117,7 +117,7 @@ def asks_about(text: str) -> str | None:
     match = _MEANS.match(text) or _WHAT.match(text)
     if match is None:
         return None
-    noun = _ARTICLE.sub("", match["noun"]).strip()
+    noun = _ARTICLE.sub("", match["noun"]).strip().removesuffix(" like")
     return noun or None
 
 

@@ -252,7 +252,9 @@ def test_the_page_of_a_follower_leads_to_the_proposals_of_its_writer(
     )
     browser = site.signed_in(site.admin)
     form = {"secret": secret_of(browser.get("/admin/tokens", base_url=ELSEWHERE).text)}
-    writer = SimpleNamespace(url="http://writer.lab:8765")
+    writer = SimpleNamespace(
+        url="http://writer.lab:8765", is_connected=True, seconds_behind=0.0, commits_behind=0
+    )
     application = site.app.extensions["rtask"]
     monkeypatch.setattr(application, "context", replace(application.context, following=writer))
     shown = browser.get("/admin/proposals", base_url=ELSEWHERE).text

@@ -12,11 +12,12 @@ from urllib.parse import quote
 
 from pyoxigraph import Quad
 
+import ontology
 from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Holders
-from rtask.rdf.namespaces import PROV, RDF, RT
+from rtask.rdf.namespaces import PROV, RDF, RDFS, RT
 from rtask.rdf.terms import GraphName, Literal, NamedNode, TripleKey
 
 __all__ = ["require_own_testimony"]
@@ -71,13 +72,17 @@ def require_own_testimony(
 
 
 def _robot_described(quad: Quad, graphs: Graphs) -> str | None:
-    """Return the robot of which a statement gives a value: its name, or the sizes of its hand."""
+    """Return the robot of which a statement gives a value: its name, or the sizes of its hand.
+
+    Vocabularies of others are free: nothing that robots are told rests on them.
+    """
     start = f"{graphs.base}robot/"
     subject = quad.subject
     if (
         isinstance(subject, NamedNode)
         and isinstance(quad.object, Literal)
         and subject.value.startswith(start)
+        and quad.predicate.value.startswith((ontology.NS, RDFS.label.value))
     ):
         return subject.value.removeprefix(start).partition("/")[0]
     return None

@@ -175,7 +175,9 @@ def test_others_write_while_it_is_found_out_that_too_much_follows(
     shared: KnowledgeBase, meanwhile: list[rtask.Commit]
 ) -> None:
     links = " ".join(f"<urn:z{i}> <urn:t> <urn:z{i + 1}> ." for i in range(700))
-    with pytest.raises(TooMuchFollowsError, match="17010 facts") as refused:
+    # Which limit comes first hangs on the numbers of the terms, and so on the tests before.
+    either = "17010 facts|342060 combinations"
+    with pytest.raises(TooMuchFollowsError, match=either) as refused:
         insert(shared, f"<urn:t> a owl:TransitiveProperty . {links}")
     assert refused.value.details["rule"] == "prp-trp"
     assert "urn:t" in refused.value.details["statement"]
