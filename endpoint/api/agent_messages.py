@@ -32,7 +32,8 @@ _CANCELLED = "notifications/cancelled"
 
 def response_of(message: JsonObject) -> Response:
     """Return the response that carries a message; a greeting also hands out a session id."""
-    response = Response(200, json.dumps(message, ensure_ascii=False).encode(), JSON_TYPE)
+    body = json.dumps(message, ensure_ascii=False, separators=(",", ":")).encode()
+    response = Response(200, body, JSON_TYPE)
     if "protocolVersion" in (message.get("result") or {}):
         return response.with_headers((SESSION, secrets.token_hex(16)))
     return response

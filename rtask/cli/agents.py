@@ -71,7 +71,7 @@ def serve(answer: Answerer, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
     lock = threading.Lock()
 
     def send(message: Sent) -> None:
-        line = json.dumps(message, ensure_ascii=False).encode() + b"\n"
+        line = json.dumps(message, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
         with lock:
             outgoing.write(line)
             outgoing.flush()

@@ -27,9 +27,9 @@ class ProposeChange(Message):
     """A change to be decided by somebody with the right to it."""
 
     add: Annotated[list[Statement], MaxLen(MAX_STATEMENTS)] = Field(default_factory=list)
-    """statements to assert: [subject, property, object]"""
+    """to assert: [subject, property, object]"""
     remove: Annotated[list[Statement], MaxLen(MAX_STATEMENTS)] = Field(default_factory=list)
-    """statements to withdraw"""
+    """to withdraw"""
     graph: Text | None = None
     """default: the caller's own"""
     reason: Text | None = None

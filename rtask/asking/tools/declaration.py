@@ -166,11 +166,15 @@ class Paged(Message):
     """A request whose answer may be longer than an answer of a tool."""
 
     offset: int = 0
-    """more.offset of the answer before"""
+    """from more.offset"""
 
 
 class More(Answer):
-    """How to get the rest of a list: call again with this offset."""
+    """How to get the rest of a list: call again with this offset.
+
+    Schemas of answers say only that it is there: agents are told what to do with it where they do
+    it, at ``offset`` of the request, and every byte of the list of tools is read by each agent.
+    """
 
     offset: int
     left: int
@@ -275,12 +279,14 @@ def schema_of(model: type[BaseModel]) -> dict[str, Any]:
 
     Fields of requests have their summaries; parts of answers are objects with required members.
 
-    >>> schema_of(Paged)["properties"]["offset"]["default"]
-    0
+    >>> schema_of(Paged)["properties"]["offset"]
+    {'type': 'integer', 'description': 'from more.offset'}
     """
     is_request = issubclass(model, Message)
     whole = model.model_json_schema(mode="validation" if is_request else "serialization")
     parts = {name: _part(part) for name, part in whole.get("$defs", {}).items()}
+    if More.__name__ in parts:
+        parts[More.__name__] = {"type": "object"}
     members = {name: _brief(part, parts, is_request) for name, part in whole["properties"].items()}
     schema = {"type": "object", "properties": members, "required": whole.get("required", [])}
     return schema if schema["required"] else {"type": "object", "properties": members}
@@ -305,7 +311,8 @@ def _brief(schema: Any, parts: Mapping[str, Any], is_request: bool) -> dict[str,
     if is_request:
         if "description" in schema:
             brief["description"] = schema["description"]
-        if schema.get("default") is not None:
+        # Of a member that may be left out, 0 and nothing go without saying.
+        if schema.get("default"):
             brief["default"] = schema["default"]
     elif may_be_null and "type" in brief:
         brief["type"] = [brief["type"], "null"]

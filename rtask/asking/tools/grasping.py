@@ -92,11 +92,11 @@ class FindObject(Paged):
     """A wish."""
 
     wish: Text
-    """kind or use of the object"""
+    """its kind or use"""
     gripper: Text | None = None
-    """hand to hold it; default: the only one of the calling robot"""
+    """default: the only one of the calling robot"""
     objects: Texts | None = None
-    """IRIs of what is in view; default: what was seen within the time"""
+    """IRIs in view; default: seen within the time"""
     seen_within_s: Annotated[Number, Ge(0), Le(1e9)] = 600.0
 
 
@@ -125,7 +125,7 @@ class Offers(PagedAnswer):
 
 
 @tool(
-    "Say where a thing is: its present places with frame, time, author and confidence.",
+    "Say where a thing is: present places with frame, time, author and confidence.",
     {"object": "kb:object/7"},
     {"object": "red mug"},
     entries=("places",),
@@ -162,7 +162,7 @@ def _spot(asked: Asked, place: Place) -> Spot:
 
 
 @tool(
-    "List the known grasps of an object with how often each held, most reliable first.",
+    "List an object's known grasps and how often each held, most reliable first.",
     {"object": "kb:object/7"},
     {"object": "red mug", "gripper": "panda_hand"},
     entries=("grasps",),
@@ -214,7 +214,7 @@ def _grasp(asked: Asked, subject: NamedNode, grasp: Any) -> GraspEntry:
 @tool(
     "Find an object in view by kind or use that a hand can hold, or say why there is none.",
     {"wish": "something to drink from", "gripper": "panda_hand"},
-    {"wish": "a carton", "gripper": "nao_hand", "seen_within_s": 3600},
+    {"wish": "a carton", "seen_within_s": 3600},
     entries=("offers",),
     operation="resolve_request",
 )

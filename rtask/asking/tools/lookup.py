@@ -36,7 +36,7 @@ class Search(Paged):
     words: Text
     """all must occur; cup* matches any ending"""
     kind: Text | None = None
-    """class of what to find, such as rt:Mug"""
+    """class, such as rt:Mug"""
 
 
 class Hit(Answer):
@@ -56,7 +56,7 @@ class Describe(Paged):
     """A term to describe."""
 
     term: Text
-    """IRI, prefixed name or name: kb:object/7, rt:Mug, red mug"""
+    """IRI or name: kb:object/7, rt:Mug, red mug"""
 
 
 class Description(PagedAnswer):
@@ -73,7 +73,7 @@ class Description(PagedAnswer):
 
 
 @tool(
-    "Find things, classes and properties by words in names, labels, comments and on their print.",
+    "Find things, classes and properties by words in names, labels, comments and print.",
     {"words": "red mug"},
     {"words": "grasp*", "kind": "owl:Class"},
     entries=("hits",),

@@ -37,7 +37,7 @@ class Explain(Paged):
     p: Text
     """property, or a"""
     o: Text
-    """object: a term, a name in quotes or a literal"""
+    """a term, a name in quotes or a literal"""
     budget: Annotated[Whole, Ge(1), Le(MAX_BUDGET)] = BUDGET
     """steps of the reasoner"""
 
@@ -75,7 +75,7 @@ class History(Paged):
 
     term: Text
     at: Whole | None = None
-    """number of a commit: what was stated about it then"""
+    """number of a commit: what was stated then"""
 
 
 class CommitEntry(Answer):

@@ -23,14 +23,14 @@ MAX_ROWS = 20_000
 MAX_BYTES = 16 << 20
 MAX_FINDINGS = 5
 PAGE = 200
-_EXAMPLE = "SELECT ?o { ?o a rt:DrinkingVessel }"
+_EXAMPLE = "SELECT ?o { ?o a rt:Mug }"
 
 
 class AskSparql(Paged):
     """A query."""
 
     query: Text
-    """SELECT, ASK, CONSTRUCT or DESCRIBE; rt:, kb:, prov: and the like are declared"""
+    """of any form; rt:, kb:, prov: and the like are declared"""
 
 
 class Fault(Answer):

@@ -26,7 +26,7 @@ class Ask(Paged):
     """A question."""
 
     text: Text | None = None
-    """a question in your words, or a key such as cq05; without it, all are listed"""
+    """a question or a key such as cq05; default: list all"""
 
 
 class Question(Answer):
@@ -73,7 +73,7 @@ def _read(file: Path) -> tuple[str, str]:
 
 @tool(
     "Ask a question in words, or list the questions that can be asked.",
-    {"text": "Which objects are drinking vessels?"},
+    {"text": "Where is the mug?"},
     {},
     entries=("rows", "questions"),
 )

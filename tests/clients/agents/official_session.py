@@ -50,6 +50,7 @@ async def converse(client: Client) -> dict[str, Any]:
     seen: dict[str, Any] = {"version": client.protocol_version, "calls": []}
     listed = await client.list_tools()
     seen["tools"] = [tool.name for tool in listed.tools]
+    seen["size"] = len(listed.model_dump_json(by_alias=True))
     seen["resources"] = [str(part.uri) for part in (await client.list_resources()).resources]
     templates = await client.list_resource_templates()
     seen["templates"] = [part.uri_template for part in templates.resource_templates]

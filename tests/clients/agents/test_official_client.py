@@ -77,6 +77,7 @@ def test_the_official_client_uses_every_part(
     seen = session(*place, VERSION=newest)
     assert seen["version"] == agreed
     assert len(seen["tools"]) <= 12
+    assert seen["size"] <= 12_000
     assert "rtask:/questions/cq05" in seen["resources"]
     assert seen["templates"] == ["rtask:/explain{?s,p,o}"]
     assert seen["ontology"] <= 6_000

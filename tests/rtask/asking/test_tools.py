@@ -64,8 +64,19 @@ def failure(toolbox: Toolbox, name: str, **arguments: Any) -> dict[str, Any]:
 
 
 def test_a_dozen_tools_take_twelve_kilobytes(tools: dict[str, Any]) -> None:
+    """So many as an agent gets them: clients of the official SDK write what is left out as null."""
     assert list(tools) == NAMES
-    assert len(json.dumps(list(tools.values())).encode()) <= 12_000
+    as_read = [
+        {
+            **tool, "title": None, "icons": None, "execution": None, "_meta": None,
+            "annotations": {
+                **tool["annotations"], "title": None, "destructiveHint": None,
+                "idempotentHint": None, "openWorldHint": None,
+            },
+        }
+        for tool in tools.values()
+    ]  # fmt: skip
+    assert len(json.dumps(as_read, separators=(",", ":")).encode()) <= 12_000
 
 
 @pytest.mark.parametrize("name", NAMES)
