@@ -99,7 +99,7 @@ class Crew:
         if turn.result != "idle":
             self.tell(robot, turn)
         if turn.result == "done":
-            self._rearranging.note_done()
+            self._rearranging.note_done(turn.task)
         return turn
 
     def _is_asking(self) -> bool:

@@ -1,8 +1,8 @@
 """What a robot finds no way to is put elsewhere by another robot, or given up with a reason.
 
 Where a hand gets to, the graph knows by places. Within a place it depends on how the thing stands
-there, which only the robot's planning tells. What it found no way to twice, with nothing done in
-between, another robot moves; its next place for the thing is a new one.
+there, which only the robot's planning tells. What it found no way to twice, with nothing taken away
+there in between, another robot moves; its next place for the thing is a new one.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from simulate.tasks.executor import Graph
 __all__ = ["Rearranging"]
 
 _BEFORE_HELP, _BEFORE_END = 2, 4
-"""Failures to find a way, with nothing done in between, before another robot is to help, and before
-the goal ends."""
+"""Failures to find a way before another robot is to help, with nothing taken away there in between,
+and before the goal ends, with nothing done anywhere in between."""
 _MAX_MOVES = 3
 """How often a thing is moved for that."""
 
@@ -44,12 +44,30 @@ class Rearranging:
     helping: set[str] = field(default_factory=set)
     """IRIs of the plans that only move a thing for another plan."""
     _failures: Counter[tuple[str, str, str]] = field(default_factory=Counter)
+    """By robot, thing and place, since anything was done."""
+    _blocked: Counter[tuple[str, str, str]] = field(default_factory=Counter)
+    """The same since something was taken away from the place, or the thing itself was handled."""
     _moves: Counter[str] = field(default_factory=Counter)
     _counted: set[str] = field(default_factory=set)
 
-    def note_done(self) -> None:
-        """Note that a step was done, so that what had no way before may have one now."""
+    def note_done(self, task: str) -> None:
+        """Note that a step was done, so that what had no way before may have one now.
+
+        Parameters
+        ----------
+        task
+            IRI of the step.
+        """
         self._failures.clear()
+        values = self._values(task)
+        item, place = values.get("thing", ""), values.get("place", "")
+        # In a busy crew something is done between any two failures. What was done elsewhere, or
+        # put down beside the thing, opens no way to it: if it counted, nobody would ever help.
+        if item and place and self._is_at(item, place):
+            place = ""
+        for failure in list(self._blocked):
+            if item == failure[1] or place == failure[2]:
+                del self._blocked[failure]
 
     def move(self, plan: Mapping[str, Any]) -> bool:
         """Store a plan by which another robot moves what a plan has failed at, if that helps."""
@@ -59,7 +77,8 @@ class Rearranging:
         self._counted.add(step["task"])
         robot, item, place = failure
         self._failures[failure] += 1
-        if self._failures[failure] < _BEFORE_HELP or self._moves[item] >= _MAX_MOVES:
+        self._blocked[failure] += 1
+        if self._blocked[failure] < _BEFORE_HELP or self._moves[item] >= _MAX_MOVES:
             return False
         for elsewhere in self._places(robot, item, place):
             goal = f"<{item}> rt:locatedOn <{elsewhere}>"
@@ -95,11 +114,19 @@ class Rearranging:
         step = _failed(plan)
         if not step or phase_of(step["comment"]) != "plan":
             return None
-        rows = self.planner.query(_VALUES % step["task"])
-        values = json.loads(str(rows[0]["values"])) if rows else {}
+        values = self._values(step["task"])
         if "thing" not in values or "place" not in values:
             return None
-        return step["claimed_by"], str(values["thing"]), str(values["place"])
+        return step["claimed_by"], values["thing"], values["place"]
+
+    def _values(self, task: str) -> dict[str, str]:
+        """Return the IRIs that a step is about, by parameter of its action."""
+        rows = self.planner.query(_VALUES % task)
+        values = json.loads(str(rows[0]["values"])) if rows else {}
+        return {str(name): str(value) for name, value in values.items()}
+
+    def _is_at(self, item: str, place: str) -> bool:
+        return bool(self.planner.query(_IS_AT % (item, place)))
 
     def _places(self, robot: str, item: str, place: str) -> list[str]:
         """Return places to which another robot could move a thing, the emptiest first.
@@ -123,6 +150,8 @@ def _is_by(plan: Mapping[str, Any], robot: str) -> bool:
 
 _VALUES = f"""{PREFIXES}
 SELECT ?values WHERE {{ <%s> rt:parameterValues ?values }} LIMIT 1"""
+_IS_AT = f"""{PREFIXES}
+SELECT ?at WHERE {{ VALUES (?item ?at) {{ (<%s> <%s>) }} ?item rt:locatedOn ?at }} LIMIT 1"""
 _ELSEWHERE = """{prefixes}
 SELECT DISTINCT ?at ?thing WHERE {{
   ?other rt:reaches <{place}>, ?at FILTER(?other != <{robot}> && ?at != <{place}>)

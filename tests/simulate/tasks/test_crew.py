@@ -17,7 +17,19 @@ from simulate.tasks.body import Deed
 from simulate.tasks.crew import Crew
 from simulate.tasks.executor import Executor
 from simulate.tasks.lab import read_lab
-from tests.rtask.tasks.conftest import BASE, CUP, JUG, LAB, LEFT, NAO, PANDA, PEN, RIGHT, TABLE
+from tests.rtask.tasks.conftest import (
+    BASE,
+    CUP,
+    JUG,
+    LAB,
+    LEFT,
+    NAO,
+    PANDA,
+    PEN,
+    RIGHT,
+    TABLE,
+    placed,
+)
 from tests.rtask.tasks.test_plans import ACTION
 
 pytestmark = pytest.mark.slow
@@ -170,6 +182,29 @@ def test_what_a_robot_finds_no_way_to_another_one_moves(world, needs, result, mo
         assert "nao-1 picks red cup up from table: no way was found 4 times (ik)" in ended.comment
         assert "it was moved 3 times for that" in ended.comment
     assert world.planner.call("list_plans")["plans"] == []
+
+
+@pytest.mark.parametrize(
+    ("meanwhile", "failures"),
+    [("every can onto the table", 2), ("every pen into the right box", 3)],
+)
+def test_only_what_is_taken_away_beside_a_thing_puts_help_off(world, meanwhile, failures):
+    """Between failures at the cup the Panda puts a can down beside it, or takes the pen away."""
+    if "can" in meanwhile:
+        world.kb.update(f"""{PREFIXES} INSERT DATA {{ GRAPH <{BASE}graph/shared> {{
+          {placed(4, f"{PANDA}/hand")} <{BASE}object/4> a rt:Can ; rt:objectId "lab/4" ;
+            rt:name "can" ; rt:graspWidth 0.03e0 ; rt:mass 0.1e0 . }} }}""")
+    world.planner.call("state_place", thing=CUP, place=TABLE)
+    world.lab = read_lab(world.planner.query, np.random.default_rng(3))
+    world.store(f"{GOAL}; {meanwhile}")
+    crew, turns = world.crew(), []
+    crew.robots[NAO].body = Clumsy(world.lab.robot(NAO), 2)
+    crew.tell = lambda robot, turn: turns.append((robot, turn.result))
+    (ended,) = crew.work()
+    assert (ended.result, world.lab.where[CUP]) == ("reached", LEFT)
+    failed = [number for number, turn in enumerate(turns) if turn == (NAO, "failed")]
+    assert (PANDA, "done") in turns[failed[0] : failed[1]]
+    assert len(failed) == failures, "then the Panda puts the cup down anew"
 
 
 def test_what_is_possible_of_a_goal_is_done_and_the_rest_once_it_can_be(world):
