@@ -109,6 +109,9 @@ class Card:
         A SPARQL query with it.
     questions
         The ontology's questions whose queries name it.
+    parameters, preconditions, additions, removals
+        Of a class of actions: graph patterns that say what its tasks are about, what must match
+        before one, and what matches after it or no longer does.
     """
 
     term: str
@@ -128,6 +131,10 @@ class Card:
     is_deprecated: bool = False
     example: str = ""
     questions: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+    preconditions: tuple[str, ...] = ()
+    additions: tuple[str, ...] = ()
+    removals: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the card as JSON data."""
@@ -156,6 +163,11 @@ class Card:
         if self.annotates:
             about = ", ".join(f"{use.term} ({use.count})" for use in self.annotates)
             lines.append(f"about statements with: {about}")
+        for heading, patterns in (
+            ("about", self.parameters), ("before", self.preconditions),
+            ("after", self.additions), ("no longer after", self.removals),
+        ):  # fmt: skip
+            lines += [f"{heading}: {pattern}" for pattern in patterns]
         lines += ["", *self.example.splitlines()]
         if self.questions:
             lines += ["", *(f"question: {text}" for text in self.questions)]
@@ -207,6 +219,10 @@ def card_of(select: Select, term: NamedNode) -> Card:
         is_deprecated="True" in stated.get(_NS["owl"] + "deprecated", ()),
         example=example,
         questions=_questions_with(name),
+        parameters=tuple(stated.get(_NS["rt"] + "actionParameters", ())),
+        preconditions=tuple(stated.get(_NS["rt"] + "precondition", ())),
+        additions=tuple(stated.get(_NS["rt"] + "addition", ())),
+        removals=tuple(stated.get(_NS["rt"] + "removal", ())),
     )
 
 
@@ -321,6 +337,7 @@ def _stated(select: Select, term: NamedNode) -> dict[str, list[str]]:
     properties = (
         "rdf:type rdfs:label rdfs:comment skos:definition owl:deprecated"
         f" <{_NS['dcterms']}isReplacedBy>"
+        " rt:actionParameters rt:precondition rt:addition rt:removal"
     )
     stated: dict[str, list[str]] = {}
     for row in _rows(

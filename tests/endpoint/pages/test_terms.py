@@ -64,6 +64,21 @@ def test_a_property_is_described_with_the_most_specific_classes_that_it_relates(
     assert len(kb.select(prologue(ontology.PREFIXES) + card["example"])) == card["count"] == 1
 
 
+def test_an_action_is_described_with_what_must_hold_before_it_and_holds_after_it(
+    client: FlaskClient, kb: rtask.KnowledgeBase
+) -> None:
+    card = client.get("/terms", query_string={"term": "rt:Place"}).get_json()
+    assert "?thing a rt:Exemplar" in card["parameters"][0]
+    assert {"?robot rt:reaches ?place", "?thing rt:locatedOn ?hand"} <= set(card["preconditions"])
+    assert "?thing rt:locatedOn ?place" in card["additions"]
+    assert "?thing rt:locatedOn ?hand" in card["removals"]
+    lines = card_of(kb.select, find_term(kb.select, "rt:Place")).lines()
+    assert "before: ?robot rt:reaches ?place" in lines
+    page = client.get("/terms", query_string={"term": "rt:Place"}, headers=HTML).text
+    assert "<code>?robot rt:reaches ?place</code>" in page
+    assert client.get("/terms", query_string={"term": "rt:Mug"}).get_json()["preconditions"] == []
+
+
 def test_every_listed_term_has_a_card_whose_query_can_be_asked(
     client: FlaskClient, kb: rtask.KnowledgeBase
 ) -> None:
