@@ -59,6 +59,8 @@ class Rearranging:
             IRI of the step.
         """
         self._failures.clear()
+        if not self._blocked:
+            return
         values = self._values(task)
         item, place = values.get("thing", ""), values.get("place", "")
         # In a busy crew something is done between any two failures. What was done elsewhere, or
