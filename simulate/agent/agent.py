@@ -332,8 +332,9 @@ class Agent:
             was_planned = self._crowd.has_grasps(track)
             grasps = self._crowd.merged(track, proposed, self.config.max_plans)
             planned = choose_grasp(
-                self.body, track, view, grasps, self.config.max_plans, self.config.seed
-            )
+                self.body, track, view, grasps, self.config.max_plans, self.config.seed,
+                self._tracker.remembered(track, view.objects),
+            )  # fmt: skip
             if planned.plan is not None or was_planned or not self._crowd.look_closer(track):
                 return {**answer, "grasps": grasps}, planned
 

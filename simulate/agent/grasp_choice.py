@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any, Literal
 
+from features.geometry import FloatArray
 from features.perception import Perceived
 from simulate.agent.interfaces import Body
 from simulate.agent.messages import distinct, grasp_request, tool_pose
@@ -45,10 +46,12 @@ def choose_grasp(
     offered: Sequence[Mapping[str, Any]],
     max_plans: int,
     seed: int,
+    remembered: Sequence[FloatArray] = (),
 ) -> GraspChoice:
     """Return the first grasp in the learner's order that the robot can reach well.
 
-    Other stances are tried only if no grasp is reachable in the present one.
+    Other stances are tried only if no grasp is reachable in the present one. What is remembered is
+    left out only if no way passes it: it may be gone, and forbids nothing.
 
     Parameters
     ----------
@@ -64,8 +67,25 @@ def choose_grasp(
         Number of them that are planned.
     seed
         Of the planner's choices.
+    remembered
+        Points (n, 3), m, base frame, of each further thing, which the view does not show.
     """
-    obstacles = [seen.points for seen in view.objects if seen is not track.seen]
+    seen = [other.points for other in view.objects if other is not track.seen]
+    choice = _choose(body, track, view.table_height, offered, max_plans, seed, [*seen, *remembered])
+    if choice.plan is None and remembered:
+        return _choose(body, track, view.table_height, offered, max_plans, seed, seen)
+    return choice
+
+
+def _choose(
+    body: Body,
+    track: TrackedObject,
+    table_height: float,
+    offered: Sequence[Mapping[str, Any]],
+    max_plans: int,
+    seed: int,
+    obstacles: list[FloatArray],
+) -> GraspChoice:
     grasps = distinct([dict(grasp) for grasp in offered])[:max_plans]
     first: dict[str, Any] | None = None
     best: GraspChoice | None = None
@@ -73,7 +93,7 @@ def choose_grasp(
     for stances, (rank, grasp) in product(_STANCES, grasps):
         if stances == "other" and tool_pose(grasp) is not None:
             continue
-        request = grasp_request(track, grasp, view.table_height, stances)
+        request = grasp_request(track, grasp, table_height, stances)
         planned = body.plan(request, obstacles, seed=mix_seed(seed, rank))
         ranked = {**grasp, "rank": rank + 1}
         if not isinstance(planned, str):

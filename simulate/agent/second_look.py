@@ -65,6 +65,7 @@ def look_at_side(eyes: Eyes, tracker: Tracker, handled: TrackedObject | None, si
     """Look at one side of the table and match what is there to the known objects.
 
     If the object just handled is not in view, the head turns elsewhere to look for it, and back.
+    The first time, it turns to the other side as well: an arm may cross it on its way.
 
     Returns
     -------
@@ -74,6 +75,8 @@ def look_at_side(eyes: Eyes, tracker: Tracker, handled: TrackedObject | None, si
     sign = -1 if side == "right" else 1
     view = _view(eyes, side)
     tracker.update(_on_side(view, sign), handled, sign)
+    if not tracker.has_seen(-sign):
+        _glance(eyes, tracker, view, side)
     if handled is None or handled not in tracker.missing:
         return view
     for other in _views_aside(eyes, side, view.base_from_camera):
@@ -82,6 +85,20 @@ def look_at_side(eyes: Eyes, tracker: Tracker, handled: TrackedObject | None, si
             break
     eyes.look(side)
     return view
+
+
+def _glance(eyes: Eyes, tracker: Tracker, view: View, side: str) -> None:
+    """Note what stands on the other side of the table than the one that is looked at.
+
+    It is not tracked yet: what stands in the middle may be seen on either side, and would be two.
+    """
+    other, sign = ("left", 1) if side == "right" else ("right", -1)
+    frame, base_from_camera = eyes.look(other)
+    if not np.allclose(base_from_camera, view.base_from_camera):  # else a fixed camera's
+        seen = perceive(frame, base_from_camera, eyes.ignored)
+        view = View(frame, base_from_camera, seen)
+    tracker.note(_on_side(view, sign), sign)
+    eyes.look(side)
 
 
 def _view(eyes: Eyes, side: str) -> View:

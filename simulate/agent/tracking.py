@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
+from features.geometry import FloatArray
 from features.perception import Seen
 
 __all__ = ["TrackedObject", "Tracker"]
@@ -22,6 +23,8 @@ _STILL_M = 0.025
 _MOVED_M = 0.09
 _SAME_SIZE = 0.15
 _BETWEEN_M, _COVERED_M, _MOST = 0.04, 0.008, 0.7
+_SHIFTED_M = 0.010
+"""By which a thing may have moved, or was seen wrongly, since the robot last looked there."""
 _GROWN = 1.5
 """Sides differ by a tenth from view to view, so that a volume may do by a third."""
 
@@ -91,6 +94,7 @@ class Tracker:
     def __init__(self) -> None:
         self.tracks: list[TrackedObject] = []
         self._numbers = count(1)
+        self._glimpsed: dict[int, tuple[Seen, ...]] = {}
 
     def update(
         self, objects: Sequence[Seen], handled: TrackedObject | None = None, side: int | None = None
@@ -132,7 +136,16 @@ class Tracker:
             else:
                 match.seen, match.visible = seen, True
         self._forget_parts(expected, handled)
+        if handled is not None and handled.gone:
+            self._forget_glimpses(handled.seen)
+        if side is not None:
+            self.note(objects, side)
         return [track for track in self.tracks if track.visible]
+
+    def _forget_glimpses(self, taken: Seen) -> None:
+        """Forget where a thing stood that is in a box now, also as the other side showed it."""
+        for side, objects in self._glimpsed.items():
+            self.note([seen for seen in objects if not _is_still(seen, taken)], side)
 
     def _forget_parts(
         self, expected: Sequence[TrackedObject], handled: TrackedObject | None
@@ -159,13 +172,43 @@ class Tracker:
     def finds(self, track: TrackedObject, objects: Sequence[Seen], side: int | None) -> bool:
         """Match the objects of another view if it shows a lost object; else change nothing."""
         before = [(former, former.seen, former.visible) for former in self.tracks]
+        glimpsed = dict(self._glimpsed)
         self.update(objects, track, side)
         if track.visible:
             return True
+        self._glimpsed = glimpsed
         self.tracks[:] = [former for former, *_ in before]
         for former, seen, visible in before:
             former.seen, former.visible = seen, visible
         return False
+
+    def note(self, objects: Sequence[Seen], side: int) -> None:
+        """Remember what stands on a half of the table, without tracking it."""
+        self._glimpsed[side] = tuple(objects)
+
+    def has_seen(self, side: int) -> bool:
+        """Tell whether a half of the table was ever looked at."""
+        return side in self._glimpsed
+
+    def remembered(self, track: TrackedObject, objects: Sequence[Seen]) -> list[FloatArray]:
+        """Return the points (n, 3), m, of what a view does not show, or shows cut off.
+
+        What only an older view shows is as wide as it may have moved since.
+
+        Parameters
+        ----------
+        track
+            The thing to be grasped, which may have been seen before as well.
+        objects
+            Everything that the present view shows, on both halves of the table.
+        """
+        clouds = []
+        for former in (seen for half in self._glimpsed.values() for seen in half):
+            now = [seen for seen in objects if _is_still(seen, former)]
+            if _is_still(track.seen, former) or any(not seen.touches_border for seen in now):
+                continue
+            clouds.append(former.points if now else _blurred(former.points))
+        return clouds
 
     def in_view(self, side: int) -> list[TrackedObject]:
         """Return the objects of a half of the table (as in :meth:`update`) in the latest view."""
@@ -228,6 +271,19 @@ class Tracker:
             ratios = np.array(sorted(_size(seen))) / track.met_sides
             unlike = float(np.abs(np.log(ratios)).max())
         return min(way / allowed + unlike, 1e3)
+
+
+def _is_still(seen: Seen, former: Seen) -> bool:
+    """Tell whether a thing may be one that an older view showed, which nobody has touched."""
+    return float(np.linalg.norm(seen.position - former.position)) < _STILL_M
+
+
+def _blurred(points: FloatArray) -> FloatArray:
+    """Return points (n, 3), m, together with where they may be by now, on the same level."""
+    angles = np.arange(8) * np.pi / 4
+    moves = _SHIFTED_M * np.stack([np.cos(angles), np.sin(angles), np.zeros(8)], axis=1)
+    moves = np.vstack([np.zeros(3), moves]).astype(points.dtype)
+    return (points[None] + moves[:, None]).reshape(-1, 3)
 
 
 def _are_near(track: TrackedObject, other: TrackedObject) -> bool:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from simulate.grasping.attempt.driving import ArmDrive
+from simulate.grasping.attempt.leaving import plan_leaving
 from simulate.grasping.attempt.looking import Looks
 from simulate.grasping.attempt.station import Station
 from simulate.grasping.judgement import (
@@ -277,11 +278,28 @@ class AttemptRun:
         return self._place(spot, look(), look, np.array(spots[0]))
 
     def put_back(self) -> None:
-        """Lower whatever is still in the hand, back off and go home."""
+        """Lower whatever is still in the hand, back off and go home; at once if it has slipped out.
+
+        An empty hand that comes down again pushes about, or off the table, what fell below it.
+        """
+        has_slipped = "close" in self.drive.times and not self.drive.grips
+        if has_slipped and self._leave_empty():
+            return
         if self._raised is not None:
             self.drive.follow(reverse(self._raised, 1.0))
         self.drive.follow(reverse(self.plan.lift, 1.0))
         self.back_off()
+
+    def _leave_empty(self) -> bool:
+        """Go home from where the hand was lifted; tell whether there was a way."""
+        top = (self._raised or self.plan.lift).positions[-1]
+        way = plan_leaving(self._station.space_of(self.plan.stance), self.plan, top)
+        if way is None:
+            return False
+        self.drive.open(self.plan.opening)
+        self.drive.withdraw(way)
+        self.drive.end("home")
+        return True
 
     def back_off(self) -> None:
         """Open the hand at the object and go home along the approach."""

@@ -180,6 +180,30 @@ def test_a_loss_during_the_hold_is_named(can):
 
 
 @pytest.mark.slow
+def test_an_empty_hand_does_not_come_down_on_what_fell_below_it(can):
+    world, executor, body = can
+    plan = executor.plan(request_for(CAN, 0.15, -0.10))
+    radius = CAN.extent[0] / 2
+    lying = (
+        (0.15, -0.085, world.table_height + radius + 0.001),
+        (0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)),
+    )
+    fallen = []
+
+    def slip_out(phase):
+        if phase == "lift":
+            world.client.resetBasePositionAndOrientation(body, *lying)
+        if phase == "hold":
+            fallen.append(world.object_pose(body).position)
+
+    record = executor.execute(plan, on_phase=slip_out)
+    assert record.reason == "slip_hold"
+    assert np.linalg.norm(np.subtract(world.object_pose(body).position, fallen[0])) < 0.002
+    home = executor.robot.home(plan.arm)
+    np.testing.assert_allclose(executor.robot.arm_joints(plan.arm), home, atol=0.05)
+
+
+@pytest.mark.slow
 def test_a_loss_during_transport_keeps_held_is_named_and_nothing_is_set_down(can):
     world, executor, body = can
     plan = executor.plan(request_for(CAN, 0.15, -0.10))
