@@ -100,7 +100,7 @@ class Body:
     def look(self, side: str, camera: str | None = None) -> tuple[Frame, np.ndarray]:
         return Frame(np.zeros((12, 16), np.float32), CAMERA), np.eye(4)
 
-    def plan(self, request, obstacles, seed):
+    def plan(self, request: Any, obstacles: Any, seed: int) -> Any:
         if self.unreachable or len(self.table) > self.blocked.get((request.x, request.y), 99):
             return "ik"
         if request.theta in self.only_leaning and request.stances == "own":

@@ -43,7 +43,7 @@ class _TurningHead(Body):
         return Perceived("ok", 0.27, tuple(seen))
 
 
-def test_the_other_half_is_an_obstacle_before_it_was_cleared_and_not_after(run) -> None:
+def test_the_other_half_is_an_obstacle_before_it_was_cleared_and_not_after(run: Any) -> None:
     body = _TurningHead([RIGHT, LEFT])
     run(body, Server(), [RIGHT, LEFT], see=body.see)
     (first, around_right), (second, around_left) = body.around
@@ -55,7 +55,7 @@ def test_the_other_half_is_an_obstacle_before_it_was_cleared_and_not_after(run) 
     assert np.all((high - low > 0.015) & (high - low < 0.05))  # it may have moved
 
 
-def test_without_another_way_an_old_view_forbids_nothing(run) -> None:
+def test_without_another_way_an_old_view_forbids_nothing(run: Any) -> None:
     class Crowded(_TurningHead):
         def plan(self, request: Any, obstacles: Any, seed: int) -> Any:
             return "rrt_time" if obstacles else super().plan(request, obstacles, seed)
