@@ -18,6 +18,7 @@ from rtask.asking.check.syntax.writing import written
 from rtask.asking.check.types import TYPE
 from rtask.asking.check.vocabulary import local
 from rtask.asking.questions.words import split_name
+from rtask.rdf.terms import NamedNode
 from rtask.sparql.place_service import PLACE_SERVICE
 
 if TYPE_CHECKING:
@@ -79,7 +80,20 @@ class Unknown:
                 yield from self._mentions(terms)
             if group.graph is not None and group.graph.kind == "iri":
                 yield from self._mention(group.graph)
+                yield from self._no_graph(group.graph)
         yield from self._mentions(node for node in self._outline.iris if node.start not in seen)
+
+    def _no_graph(self, node: Node) -> Iterator[Finding]:
+        """Yield a class or property that stands for a graph: patterns there match nothing.
+
+        Of other things it is not certain: a graph may be described before anything is in it.
+        """
+        if node.value not in self._vocabulary.bit and node.value not in self._vocabulary.properties:
+            return
+        graph = NamedNode(node.value)
+        if next(iter(self._kb.store.quads_for_pattern(None, None, None, graph)), None) is None:
+            words = f"{self._short(node)} is a class or property and no graph: nothing is in it"
+            yield Finding("no-graph", "certain", node.start, node.end, words)
 
     def _of_edge(self, edge: Edge) -> Iterator[Finding]:
         for step in edge.steps:

@@ -78,6 +78,8 @@ def test_the_questions_of_the_ontology_raise_no_alarm(kb: KnowledgeBase) -> None
         ("SELECT ?x { ?x rt:matches \"mug\" }", "needs-service", "certain", None),
         (f"SELECT ?x {{ ?x <{ontology.FUNCTIONS}near> ?y }}", "needs-service", "certain", None),
         ("SELECT ?r { ?r rt:Mug ?o }", "class-as-property", "certain", None),
+        ("SELECT ?m { GRAPH rt:Mug { ?m a rt:Mug } }", "no-graph", "certain", None),
+        ("SELECT ?m { OPTIONAL { GRAPH rt:name { ?m a rt:Mug } } }", "no-graph", "certain", None),
         ("SELECT ?r { ?r a rt:extentX }", "property-as-class", "certain", None),
         ("SELECT ?c { ?c rdfs:sublassOf rt:Mug }", "unknown-term", "certain",
          "SELECT ?c { ?c rdfs:subClassOf rt:Mug }"),
@@ -464,3 +466,13 @@ def test_sub_selects_of_many_rows_still_need_a_bridge(kb: KnowledgeBase) -> None
     part = "{ SELECT ?%s (COUNT(?a%s) AS ?n%s) { ?%s rt:hasGrasp ?a%s } GROUP BY ?%s }"
     found = only(kb, f"SELECT * {{ {part % tuple('xxxxxx')} {part % tuple('yyyyyy')} }}")
     assert found.rule == "missing-bridge"
+
+
+def test_a_graph_is_no_fault_whatever_else_its_name_stands_for() -> None:
+    with rtask.open(":memory:", base="urn:lab/") as kb:
+        kb.update(HEAD + "INSERT DATA { <urn:both> a owl:Class . <urn:empty> a rt:NamedGraph }")
+        body = "SELECT ?m { GRAPH %s { ?m a rt:Mug } }"
+        assert only(kb, body % "<urn:both>").rule == "no-graph"
+        kb.update(HEAD + "INSERT DATA { GRAPH <urn:both> { <urn:m> a rt:Mug } }")
+        for name in ("<urn:both>", "<urn:empty>", "?g"):
+            assert kb.check(HEAD + body % name) == [], name
