@@ -98,17 +98,21 @@ def test_the_second_robot_recognises_what_the_first_one_stored(finished: Any) ->
 
 
 @pytest.mark.deep
-def test_every_product_that_was_met_has_its_name_kind_and_colour(finished: Any) -> None:
+def test_every_product_that_was_met_has_its_name_and_kind_and_most_a_colour(finished: Any) -> None:
     folder, result = finished
     met = {one["product"] for one in result["objects"] if one["object_iri"]} - {""}
     with rtask.open(folder / "store", mode="r") as kb:
         rows = kb.select(
             """PREFIX rt: <https://w3id.org/rtask-kg/ns#>
             PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#>
-            SELECT DISTINCT ?name { ?object rt:name ?name ; rt:hasColour ?colour ; a ?kind .
-              ?kind rdfs:subClassOf rt:ManipulableObject FILTER(?kind != rt:ManipulableObject) }"""
+            SELECT DISTINCT ?name (BOUND(?c) AS ?coloured) { ?object rt:name ?name ; a ?kind .
+              ?kind rdfs:subClassOf rt:ManipulableObject FILTER(?kind != rt:ManipulableObject)
+              OPTIONAL { ?object rt:hasColour ?c } }"""
         ).to_dicts()
     assert met <= {str(row["name"]) for row in rows}
+    coloured = {str(row["name"]) for row in rows if row["coloured"]}
+    # Of some motley prints no colour covers a fifth, and then none is stated.
+    assert len(met & coloured) >= 0.6 * len(met)
 
 
 @pytest.mark.deep
