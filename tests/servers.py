@@ -110,7 +110,7 @@ def running_server(
     drain = threading.Thread(target=errors.extend, args=(process.stderr,), daemon=True)
     drain.start()
     try:
-        yield RunningServer(_ready_url(process.stdout, errors), process, data)
+        yield RunningServer(_ready_url(process.stdout, drain, errors), process, data)
     finally:
         if process.poll() is None:
             process.terminate()
@@ -124,7 +124,7 @@ def running_server(
         process.stderr.close()
 
 
-def _ready_url(output: IO[str], errors: list[str]) -> str:
+def _ready_url(output: IO[str], drain: threading.Thread, errors: list[str]) -> str:
     """Wait for the line that names the address and return it."""
     lines: queue.Queue[str] = queue.Queue()
 
@@ -137,6 +137,8 @@ def _ready_url(output: IO[str], errors: list[str]) -> str:
     threading.Thread(target=read, daemon=True).start()
     try:
         line = lines.get(timeout=READY_S)
+        if not line:  # it has ended, so what it said of that ends as well
+            drain.join(READY_S)
     except queue.Empty:
         line = ""
     if not line.startswith("ready "):
