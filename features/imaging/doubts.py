@@ -99,7 +99,7 @@ def doubtful_steps(steps: NDArray[np.integer[Any]]) -> str:
     Examples
     --------
     >>> doubtful_steps(np.arange(500, 900).reshape(20, 20) * 5)
-    'every number is a multiple of 5: is a step a 5th of a millimetre, --depth-unit 0.0002?'
+    'every number is a multiple of 5: is a step 1/5 of a millimetre, --depth-unit 0.0002?'
     """
     numbers = np.unique(steps[steps > 0])
     if len(numbers) < _MANY_NUMBERS:
@@ -109,7 +109,7 @@ def doubtful_steps(steps: NDArray[np.integer[Any]]) -> str:
         return ""
     # Cameras count millimetres: TUM's data sets hold five steps of each, the first Kinect's eight.
     return (
-        f"every number is a multiple of {by}: is a step a {by}th of a millimetre, --depth-unit "
+        f"every number is a multiple of {by}: is a step 1/{by} of a millimetre, --depth-unit "
         f"{0.001 / by:.4g}?"
     )
 

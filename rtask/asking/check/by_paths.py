@@ -65,9 +65,8 @@ class ByPaths(Look):
         if start.kind != "iri" or end.kind != "iri" or start.value == end.value:
             return None
         turned = Step(step.node, not step.is_inverse)
-        if self._evidence.reaches(start, step, end) or not self._evidence.reaches(
-            start, turned, end
-        ):
+        reach = self._evidence.reaches
+        if reach(start, step, end) is not False or not reach(start, turned, end):
             return None
         words = (
             f"{local(step.node.value)} does not lead from {local(start.value)} to "

@@ -197,10 +197,10 @@ class Evidence:
         answer = self._answers[key]
         return None if answer is None else bool(answer)
 
-    def reaches(self, start: Node, step: Step, end: Node) -> bool:
+    def reaches(self, start: Node, step: Step, end: Node) -> bool | None:
         """Return whether a property, walked once or more, leads from one thing to another.
 
-        Only so many things on the way are looked at; beyond, the answer is no.
+        None if that is not known: only so many things on the way are looked at.
         """
         todo, seen = [NamedNode(start.value)], {start.value}
         while todo and len(seen) < _MANY:
@@ -212,7 +212,7 @@ class Evidence:
                     if term.value not in seen:
                         seen.add(term.value)
                         todo.append(term)
-        return False
+        return None if todo else False
 
     def is_of_terms(self, iri: str, vocabulary: Vocabulary) -> bool:
         """Return whether all that the graph says with a property is about classes or properties."""

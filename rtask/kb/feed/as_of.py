@@ -128,7 +128,7 @@ def _turned_back(
 
 
 def turn_back(files: Files, graphs: Graphs, journal: JournalFile, path: str, seq: int) -> None:
-    """Make the store of an earlier state, from the nearest one that is copy or from the current.
+    """Make the store of an earlier state, from the nearest one that is kept or from the current.
 
     Raises
     ------

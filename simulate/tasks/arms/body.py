@@ -279,11 +279,15 @@ class ArmBody:
         """Look whether a thing that seemed to arrive is seen on another part of the table.
 
         That something new is at the place does not tell what it is: another thing may have been
-        pushed there.
+        pushed there. A look tells products apart, not things: those of the same product that stood
+        there before are no news.
         """
         product = self._product(item)
-        at = [table for table in self._tables if any(s.object == product for s in self.look(table))]
-        return bool(at) and place not in at
+        equal = Counter(at for other, at in self._bystanders.known.items()
+                        if other != item and self._product(other) == product)  # fmt: skip
+        seen = {at: sum(s.object == product for s in self.look(at)) for at in self._tables}
+        elsewhere = sum(seen[at] - equal[at] for at in self._tables if at != place)
+        return elsewhere > 0 and seen.get(place, 0) <= equal[place]
 
     def _take_over(self, item: str, hand: str) -> None:
         """Find out whether a hand holds what another program of this robot picked up.

@@ -42,6 +42,8 @@ class Bystanders:
     def __init__(self, observer: Observer, graph: Graph, areas: Sequence[str]) -> None:
         self._observer, self._graph, self._areas = observer, graph, areas
         self._stood: dict[str, str] = {}
+        self.known: Mapping[str, str] = {}
+        """Areas of things, as the graph had them before the last motion, by IRI."""
 
     def note(self, but: str) -> None:
         """Look what stands there before the robot moves something.
@@ -53,9 +55,10 @@ class Bystanders:
         but
             IRI of the thing that is to be moved.
         """
+        self.known = self._whereabouts()
         self._stood = {
             item: place
-            for item, place in self._whereabouts().items()
+            for item, place in self.known.items()
             if item != but and self._observer.is_seen(item, place)
         }
 

@@ -51,6 +51,11 @@ def test_what_stood_beside_a_motion_is_looked_for_after_it(tmp_path):
                                if bench.area_of(laid.body) == "right half"]  # fmt: skip
 
             body._bystanders.note(taken)
+            body._products[taken] = body._product(other)  # as if they were two of one product
+            assert not body._lies_elsewhere(taken, at["left box"]), (
+                "its equal stands where it stood"
+            )
+            del body._products[taken]
             bench.put(body_of_other, spots["right half"][0] - 0.03, spots["right half"][1])
             assert body.displaced() == {}, "moved within its area"
             body._bystanders.note(taken)
