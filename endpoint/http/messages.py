@@ -316,6 +316,6 @@ def refuse_unknown(names: Iterable[str], allowed: Sequence[str]) -> None:
             raise RefusedError(
                 400,
                 "usage",
-                f"unknown parameter `{name[:80]}`; {hint}There are {', '.join(allowed)}",
+                f"unknown parameter `{name[:80]}`; {hint}known: {', '.join(allowed)}",
                 parameter=name[:80],
             )

@@ -17,7 +17,7 @@ from pydantic_core import PydanticSerializationError, to_json
 
 from rtask.errors import UsageError, nearest
 from rtask.wire.fields import Also, Kind, kind_of, wire_name
-from rtask.wire.types import carried
+from rtask.wire.types import Unit, carried
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -275,7 +275,7 @@ def _words(model: type[BaseModel], error: ErrorDetails, path: str) -> str:
         return f"{path}: {context['words']}"
     if kind in _BOUNDS:
         name, side = _BOUNDS[kind]
-        return f"{path}: {float(value):g} is {side} {context[name]:g}"
+        return f"{path}: {float(value):g} is {side} {context[name]:g}{_unit(model, places)}"
     if kind in _LENGTHS:
         name, side = _LENGTHS[kind]
         length = len(value) if isinstance(value, list | tuple) else context["actual_length"]
@@ -288,6 +288,12 @@ def _words(model: type[BaseModel], error: ErrorDetails, path: str) -> str:
         return f"{path or 'the request'}: expected an object with fields"
     what = context["what"] if kind == "expected" else _EXPECTED.get(kind, error["msg"])
     return f"{path}: expected {what}, got {_shown(value)}"
+
+
+def _unit(model: type[BaseModel], places: tuple[int | str, ...]) -> str:
+    """Return the unit of a field behind a blank: who sent mm learns that m were expected."""
+    symbols = [m.symbol for m in _kind_at(model, places).metadata if isinstance(m, Unit)]
+    return f" {symbols[0]}" if symbols else ""
 
 
 _BOUNDS = {

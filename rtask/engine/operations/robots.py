@@ -36,6 +36,16 @@ __all__ = [
 ]
 
 
+# A robot that describes itself in mm or g is refused here; as m and kg, its numbers would decide
+# which hand is sent to what, for every robot.
+_LARGEST_M = 1.0
+_HEAVIEST_KG = 5000.0
+_STRONGEST_N = 1e5
+_HIGHEST_PA = 101_325.0
+"""Of a vacuum, below the air's own pressure at sea level."""
+_FARTHEST_M = 200.0
+
+
 class EndEffector(Message):
     """One gripper of a robot."""
 
@@ -45,25 +55,25 @@ class EndEffector(Message):
     """grasps carry over between grippers of one type"""
     kind: Literal["Hand", "ParallelJawGripper", "SuctionCup", "ThreeFingerHand"] = "Hand"
     """class of end effector"""
-    min_opening: Annotated[Number, Unit("m"), Ge(0)] = 0.0
+    min_opening: Annotated[Number, Unit("m"), Ge(0), Le(_LARGEST_M)] = 0.0
     """smallest width that it can hold"""
-    max_opening: Annotated[Number, Unit("m"), Ge(0)] = 0.0
+    max_opening: Annotated[Number, Unit("m"), Ge(0), Le(_LARGEST_M)] = 0.0
     """largest width that it can hold; 0 for a suction cup, all others need it"""
-    jaw_width: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
+    jaw_width: Annotated[Number, Unit("m"), Ge(1e-4), Le(_LARGEST_M)] | None = None
     """width of a jaw face or finger; default: 0.0124"""
-    finger_length: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
+    finger_length: Annotated[Number, Unit("m"), Ge(1e-4), Le(_LARGEST_M)] | None = None
     """reach of the fingers, or length of a cup's stem; default: 0.05"""
-    lip_radius: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
+    lip_radius: Annotated[Number, Unit("m"), Ge(1e-4), Le(_LARGEST_M)] | None = None
     """of the lip of a suction cup, which needs it; default: no lip"""
-    lip_compliance: Annotated[Number, Unit("m"), Ge(1e-5)] | None = None
+    lip_compliance: Annotated[Number, Unit("m"), Ge(1e-5), Le(_LARGEST_M)] | None = None
     """difference in depth at which a lip still seals; default: 0.4 of its radius"""
-    flange_radius: Annotated[Number, Unit("m"), Ge(0)] = 0.0
+    flange_radius: Annotated[Number, Unit("m"), Ge(0), Le(_LARGEST_M)] = 0.0
     """of the arm's flange behind the stem of a suction cup, kept off what stands around; 0: none"""
-    pressure: Annotated[Number, Unit("Pa"), Ge(1)] | None = None
+    pressure: Annotated[Number, Unit("Pa"), Ge(1), Le(_HIGHEST_PA)] | None = None
     """of a suction cup, below that of the air; default: 60,000"""
-    max_force: Annotated[Number, Unit("N"), Ge(0)] | None = None
+    max_force: Annotated[Number, Unit("N"), Ge(0), Le(_STRONGEST_N)] | None = None
     """largest closing force; default: not known"""
-    max_payload: Annotated[Number, Unit("kg"), Ge(1e-6)]
+    max_payload: Annotated[Number, Unit("kg"), Ge(1e-6), Le(_HEAVIEST_KG)]
     """largest mass that it can lift"""
     parent_link: Text | None = None
     """link that a grasp pose refers to; default: the pose is that of the gripper itself"""
@@ -90,9 +100,9 @@ class Camera(Message):
     """principal point; default: not known"""
     cy: Annotated[Number, Unit("px")] | None = None
     """principal point; default: not known"""
-    min_range: Annotated[Number, Unit("m"), Ge(0)] | None = None
+    min_range: Annotated[Number, Unit("m"), Ge(0), Le(_FARTHEST_M)] | None = None
     """nearest depth; default: not known"""
-    max_range: Annotated[Number, Unit("m"), Ge(0)] | None = None
+    max_range: Annotated[Number, Unit("m"), Ge(0), Le(_FARTHEST_M)] | None = None
     """farthest depth; default: not known"""
 
 
@@ -166,6 +176,7 @@ def register_robot(context: Context, request: RegisterRobot, access: Access) -> 
         raise UsageError(f"name: {name!r}; expected letters, digits, '.', '_' and '-'")
     for k, effector in enumerate(request.end_effectors):
         _check(effector, f"end_effectors[{k}]")
+    _check_parts(request)
     with context.writing:
         author = context.author(access, name)
         graph = context.kb.graphs.agent(name)
@@ -254,6 +265,22 @@ def _check(effector: EndEffector, path: str) -> None:
         hand_of(effector.name, effector.gripper_type, effector.kind, sizes)
     except ValueError as error:
         raise UsageError(f"{path}: {error}", field=path) from error
+
+
+def _check_parts(request: RegisterRobot) -> None:
+    """Refuse parts of one name, which the graph would keep as one part, and ranges of nothing."""
+    taken: set[str] = set()
+    for field in ("end_effectors", "cameras"):
+        for k, part in enumerate(getattr(request, field)):
+            if part.name in taken:
+                where = f"{field}[{k}].name"
+                raise UsageError(f"{where}: another part is called {part.name!r}", field=where)
+            taken.add(part.name)
+    for k, camera in enumerate(request.cameras):
+        nearest, farthest = camera.min_range, camera.max_range
+        if nearest is not None and farthest is not None and nearest >= farthest:
+            where = f"cameras[{k}].min_range"
+            raise UsageError(f"{where}: {nearest:g} m is not below max_range", field=where)
 
 
 def _is_fit(name: str) -> bool:

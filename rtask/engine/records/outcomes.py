@@ -22,6 +22,11 @@ log = logging.getLogger(__name__)
 
 _LATEST_S = 253_402_300_799
 """End of the year 9999, s since the epoch."""
+# Physics that goes wrong throws things far, and what it reports has to be stored; what lies beyond
+# was measured in another unit.
+_REACH_M = 100
+_HALF_TURN = 3.1416
+
 TIMES = {
     "segmentation_s": RT.segmentationTime,
     "transfer_s": RT.transferTime,
@@ -101,9 +106,9 @@ class OutcomeReport(Message):
     """name of the place where it was put, such as "left box"; default: not known"""
     reason: Text | None = None
     """code of the reason: ok, missed, slip_lift, ...; default: ok if it held, else not judged"""
-    lifted_m: Annotated[Number, Unit("m")] | None = None
+    lifted_m: Annotated[Number, Unit("m"), Ge(-_REACH_M), Le(_REACH_M)] | None = None
     """height reached; default: not known"""
-    slip: Annotated[Number, Unit("m")] | None = None
+    slip: Annotated[Number, Unit("m"), Ge(-_REACH_M), Le(_REACH_M)] | None = None
     """distance that the object slipped in the hand; default: not known"""
     started: Annotated[Number, Unit("s"), Ge(0), Le(_LATEST_S)] | None = None
     """start of the attempt since the epoch; default: duration_s before its end, unless simulated"""
@@ -113,15 +118,15 @@ class OutcomeReport(Message):
     """of the attempt; by the clock of the simulation if there is one; default: not known"""
     links_touching: Annotated[Whole, Ge(0)] | None = None
     """number of hand links in contact at the end; default: not known"""
-    contact_force: Annotated[Number, Unit("N"), Ge(0)] | None = None
+    contact_force: Annotated[Number, Unit("N"), Ge(0), Le(1e6)] | None = None
     """contact force at the jaws; default: not known"""
-    jaw_gap: Annotated[Number, Unit("m"), Ge(0)] | None = None
+    jaw_gap: Annotated[Number, Unit("m"), Ge(0), Le(1)] | None = None
     """opening of the closed jaws; default: not known"""
     hold_s: Annotated[Number, Unit("s"), Ge(0)] | None = None
     """duration of the hold; default: not known"""
-    place_offset: Annotated[Number, Unit("m"), Ge(0)] | None = None
+    place_offset: Annotated[Number, Unit("m"), Ge(0), Le(_REACH_M)] | None = None
     """distance from the destination; default: not known"""
-    approach_tilt: Annotated[Number, Unit("rad")] | None = None
+    approach_tilt: Annotated[Number, Unit("rad"), Ge(-_HALF_TURN), Le(_HALF_TURN)] | None = None
     """angle between approach and vertical; default: not known"""
     preset: Literal["faithful", "fast", "real"] | None = None
     """kind of physics: faithful, fast or real; default: not known"""

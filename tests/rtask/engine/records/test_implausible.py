@@ -139,3 +139,26 @@ def test_a_forgotten_object_does_not_come_back_half(bench, purge, reason):
             engine.call("curate_object", undo, Access("anna", "teacher"))
             assert len(kb.match(iri(name), RT.hasGrasp)) == 2
             assert robot.call("recall_grasps", object=name)["grasps"][0]["id"] == stored["grasp"]
+
+
+_HAND = {"name": "hand", "gripper_type": "nao_hand", "max_opening": 0.05, "max_payload": 0.3}
+_CAMERA = {"name": "eye", "frame_id": "eye"}
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ({"end_effectors": [{**_HAND, "max_opening": 50}]}, r"max_opening: 50 is above 1 m"),
+        ({"end_effectors": [{**_HAND, "finger_length": 45}]}, r"finger_length: 45 is above 1 m"),
+        ({"end_effectors": [{**_HAND, "max_payload": 3e4}]}, r"payload: 30000 is above 5000 kg"),
+        ({"end_effectors": [_HAND, _HAND]}, r"end_effectors\[1\].name: another part is called"),
+        ({"cameras": [{**_CAMERA, "max_range": 4000}]}, r"max_range: 4000 is above 200 m"),
+        ({"cameras": [{**_CAMERA, "name": "hand"}]}, r"cameras\[0\].name: another part is called"),
+        ({"cameras": [{**_CAMERA, "min_range": 5, "max_range": 1}]}, "not below max_range"),
+    ],
+)
+def test_a_body_in_other_units_is_refused_with_its_field(engine, kb, body, words):
+    request = {"name": "nao-9", "model": "x", "end_effectors": [_HAND], **body}
+    with pytest.raises(UsageError, match=words):
+        engine.call("register_robot", request)
+    assert not kb.match(None, RT.maxOpening)
