@@ -21,6 +21,7 @@ __all__ = [
     "implausible_cloud",
     "implausible_depth",
     "implausible_object",
+    "implausible_support",
 ]
 
 _NEAREST_M, _FARTHEST_M = 0.1, 6.0
@@ -32,6 +33,9 @@ _BEHIND = 0.01
 _UPRIGHT_FRAMES = ("base_footprint", "base_link", "base", "odom", "map", "world")
 _LARGEST_OBJECT_M = 1.0
 """Median distance of an object's points from their middle; a box of centimetres has some 5."""
+_UNDER_M, _OVER_M = 0.05, 1.0
+"""How far an object may reach below its support by errors of measurement, and how far its lowest
+visible point may be above: the top alone of a tall one is seen from above."""
 _STEP_PX = 3
 """Every third row and column tells as much of numbers, and sorts in a ninth of the time."""
 _MAX_PLATEAU, _OUTSTANDING, _MANY_NUMBERS = 0.05, 10, 50
@@ -206,6 +210,35 @@ def implausible_object(positions: FloatArray) -> str:
     'half of the points lie 16.2 m apart from their middle: are they in another unit?'
     """
     return _apart(positions, _LARGEST_OBJECT_M)
+
+
+def implausible_support(heights: FloatArray, support: float) -> str:
+    """Return why an object cannot stand at a height; empty if it can.
+
+    Parameters
+    ----------
+    heights : (n,), m
+        Of its visible points; none tell nothing.
+    support : m
+        Height of what it stands on, in the same frame.
+
+    Examples
+    --------
+    >>> implausible_support(np.array([0.0, 0.03, 0.06]), 750.0)
+    'the object lies from 0.00 to 0.06 m, all of it below 750 m: another unit, or another frame?'
+    """
+    if not len(heights):
+        return ""
+    low, high = (float(h) for h in np.percentile(heights, [2, 98]))
+    if high < support - _UNDER_M:
+        where = f"all of it below {support:g} m"
+    elif low > support + _OVER_M:
+        where = f"{low - support:.3g} m above {support:g} m"
+    else:
+        return ""
+    return (
+        f"the object lies from {low:.2f} to {high:.2f} m, {where}: another unit, or another frame?"
+    )
 
 
 def _apart(positions: FloatArray, most_m: float) -> str:

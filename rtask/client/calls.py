@@ -446,13 +446,13 @@ class NewObject(TypedDict, total=False):
     grasp: str | Mapping[str, Any]
     """the attempted grasp, as received; default: given by X, Y, Z and rad"""
     X: float
-    """grasp in the frame of the cloud, m and rad; default: no grasp"""
+    """of the grasp, in the frame of the cloud; default: no grasp (m)"""
     Y: float
-    """grasp in the frame of the cloud, m and rad; default: no grasp"""
+    """of the grasp, in the frame of the cloud; default: no grasp (m)"""
     Z: float
-    """grasp in the frame of the cloud, m and rad; default: no grasp"""
+    """of the grasp, in the frame of the cloud; default: no grasp (m)"""
     rad: float
-    """grasp in the frame of the cloud, m and rad; default: no grasp"""
+    """closing direction of the grasp, in the frame of the cloud; default: no grasp (rad)"""
     success: bool
     """whether the grasp held, without an outcome; default: True"""
     confirmed_by: Literal["physics", "human"]
@@ -2282,13 +2282,13 @@ class Calls(ABC):
         grasp
             the attempted grasp, as received; default: given by X, Y, Z and rad
         X
-            grasp in the frame of the cloud, m and rad; default: no grasp
+            of the grasp, in the frame of the cloud; default: no grasp (m)
         Y
-            grasp in the frame of the cloud, m and rad; default: no grasp
+            of the grasp, in the frame of the cloud; default: no grasp (m)
         Z
-            grasp in the frame of the cloud, m and rad; default: no grasp
+            of the grasp, in the frame of the cloud; default: no grasp (m)
         rad
-            grasp in the frame of the cloud, m and rad; default: no grasp
+            closing direction of the grasp, in the frame of the cloud; default: no grasp (rad)
         success
             whether the grasp held, without an outcome; default: True
         confirmed_by

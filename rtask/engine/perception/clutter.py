@@ -84,6 +84,11 @@ def view_clutter(
         Region in which things count, m, in that frame.
     table_height
         Of the table in that frame, m; None = the largest level plane.
+
+    Raises
+    ------
+    ValueError
+        Nothing is seen near the given height, so that "the table is empty" would be untrue.
     """
     from features.geometry import transform
     from features.segmentation import segment_scene
@@ -94,6 +99,7 @@ def view_clutter(
         return None
     normal = frame_from_camera[:3, :3] @ scene.plane.normal
     on_plane = transform(frame_from_camera, -scene.plane.offset * scene.plane.normal)
+    plane_z = float(on_plane[2])
     if table_height is not None:
         normal, on_plane = np.array([0.0, 0.0, 1.0]), np.array([*on_plane[:2], table_height])
     cloud = points.reshape(-1, 3).astype(np.float64)
@@ -101,6 +107,11 @@ def view_clutter(
     placed = np.asarray(transform(frame_from_camera, cloud[seen]), dtype=np.float64)
     height = (placed - on_plane) @ normal
     inside = (height > _OVER_M) & (height < _HIGHEST_M)
+    if table_height is not None and not (np.abs(height) < _HIGHEST_M).any():
+        raise ValueError(
+            f"support_height: nothing is seen near {table_height:g} m, and the largest level plane "
+            f"lies at {plane_z:.3g} m: another unit, or another frame?"
+        )
     for axis, (low, high) in enumerate((x_range, y_range)):
         inside &= (placed[:, axis] > low) & (placed[:, axis] < high)
     return ClutterView(

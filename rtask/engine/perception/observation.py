@@ -114,7 +114,7 @@ def observe(request: OptionalLook, where: str = "") -> Observation:
         If the bytes are not a cloud or image of an object, or there are none.
     """
     from features.geometry import transform
-    from features.imaging.doubts import implausible_object
+    from features.imaging.doubts import implausible_object, implausible_support
     from features.recognition.views.view import describe_frame
 
     if request.data is None and request.image is None:
@@ -147,6 +147,12 @@ def observe(request: OptionalLook, where: str = "") -> Observation:
     frame_id = request.frame_id or sight.frame_id
     is_upright = not sight.is_optical and bool(frame_id)
     is_posed = sensor_pose is not None or is_upright
+    if is_posed and request.support_height is not None:
+        # A height in mm would be stored as the place of the thing, and believed.
+        doubt = implausible_support(points[:, 2], request.support_height)
+        if doubt:
+            field = where + "support_height"
+            raise UsageError(f"{field}: {doubt}", field=field)
     return Observation(
         data=data,
         frame=frame,

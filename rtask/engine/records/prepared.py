@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from rtask.engine.grippers import StoredGripper
@@ -22,7 +23,7 @@ from rtask.engine.records.identity import check_operator, check_task, confirmed
 from rtask.engine.records.objects import no_object, viewpoint_of
 from rtask.engine.records.outcomes import Outcome, OutcomeReport
 from rtask.engine.records.places import Located, located
-from rtask.engine.records.received import Received, received
+from rtask.engine.records.received import TURNS, Received, received
 from rtask.engine.records.record import Earlier, earlier
 from rtask.engine.remembered import RememberedObject
 from rtask.engine.terms import folded
@@ -32,7 +33,7 @@ from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import read
 from rtask.wire.request_id import StoredOnce
-from rtask.wire.types import Flag, Grasp, Iri, Number, Text
+from rtask.wire.types import Flag, Grasp, Iri, Number, Text, Unit
 
 if TYPE_CHECKING:
     from features.words.word import Word
@@ -63,14 +64,14 @@ class NewObject(Look):
     """purpose of the grasp: pick, place, push"""
     grasp: Grasp | None = None
     """the attempted grasp, as received; default: given by X, Y, Z and rad"""
-    X: Number | None = None
-    """grasp in the frame of the cloud, m and rad; default: no grasp"""
-    Y: Number | None = None
-    """grasp in the frame of the cloud, m and rad; default: no grasp"""
-    Z: Number | None = None
-    """grasp in the frame of the cloud, m and rad; default: no grasp"""
-    rad: Number | None = None
-    """grasp in the frame of the cloud, m and rad; default: no grasp"""
+    X: Annotated[Number, Unit("m")] | None = None
+    """of the grasp, in the frame of the cloud; default: no grasp"""
+    Y: Annotated[Number, Unit("m")] | None = None
+    """of the grasp, in the frame of the cloud; default: no grasp"""
+    Z: Annotated[Number, Unit("m")] | None = None
+    """of the grasp, in the frame of the cloud; default: no grasp"""
+    rad: Annotated[Number, Unit("rad"), Ge(-TURNS), Le(TURNS)] | None = None
+    """closing direction of the grasp, in the frame of the cloud; default: no grasp"""
     success: Flag = True
     """whether the grasp held, without an outcome"""
     confirmed_by: Literal["physics", "human"] | None = None

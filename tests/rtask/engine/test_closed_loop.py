@@ -54,7 +54,7 @@ def test_an_answer_is_strict_json_with_every_field_whatever_is_known(bench, firs
     import json
 
     cut_off = bench.sight(bench.BOX, bench.Eye(target=(*bench.BOX.position, bench.TABLE)))
-    for more in ({"propose": True}, {"propose": False}, {"support_height": 0.9}):
+    for more in ({"propose": True}, {"propose": False}, {"support_height": 0.35}):
         answer = first.recognise({**cut_off, **more})
         json.dumps(answer, allow_nan=False)
         assert set(answer["times"]) == {

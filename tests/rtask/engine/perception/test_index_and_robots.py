@@ -208,7 +208,7 @@ def test_clients_without_names_write_for_the_robot_that_they_register(bench, kb,
 @pytest.mark.parametrize(
     "measures",
     [
-        {"min_opening": 5.0},
+        {"min_opening": 0.5},
         {"finger_length": 0.001},
     ],
 )

@@ -81,6 +81,7 @@ def test_the_bound_is_a_setting(bench, reported, engine, monkeypatch):
         ("width", 3.0, r"grasp\.width: 3 is above 1"),
         ("width", -0.1, r"grasp\.width: -0.1 is below 0"),
         ("opening", -0.1, r"grasp\.opening: -0.1 is below 0"),
+        ("theta", 90.0, r"theta: 90 is above 12.57 rad"),
         ("x", 5.0, "x is .* m from the object, more than 4"),
     ],
 )
@@ -90,7 +91,7 @@ def test_an_implausible_grasp_is_refused_with_its_field(
     offered = robots("nao-1").recognise(bench.sight(bench.BOX))["grasps"][0]
     pose = {"x": 0.0, "y": 0.0, "z": 0.02, "theta": 0.0}
     grasp = {"id": "", "width": 0.03, "opening": 0.05, "in_object": pose}
-    given = grasp | ({"in_object": pose | {"x": value}} if field == "x" else {field: value})
+    given = grasp | ({"in_object": pose | {field: value}} if field in pose else {field: value})
     assert offered
     with pytest.raises(UsageError, match=words):
         reported(bench.held(), grasp=given)
