@@ -39,7 +39,7 @@ def answer(world: WorldState, question: Question) -> Whereis:
     """
     time_s = time.time() if question.at is None else question.at
     frame = None if question.frame is None else find_frame(world, question.frame)
-    asked = _Asked(world, time_s, frame)
+    asked = _Asked(world, time_s, frame, question.at is None)
     pairs, untried = find_exemplars(world, question.name, question.max_things)
     places = [asked.where(exemplar, product) for exemplar, product in pairs]
     is_called, unresolved = bool(places), 0
@@ -60,6 +60,7 @@ class _Asked:
     world: WorldState
     time_s: float
     frame: str | None
+    is_now: bool
 
     def where(self, exemplar: str, product: str) -> Whereabouts:
         """Return the whereabouts of a thing, or of a product that has no things."""
@@ -79,7 +80,7 @@ class _Asked:
             whereabouts = replace(whereabouts, place=stated, place_label=label_of(world, stated))
         if last is not None and last.holds_at(time_s):
             whereabouts = self._placed(whereabouts, last)
-        return replace(whereabouts, text=sentence(whereabouts, time_s))
+        return replace(whereabouts, text=sentence(whereabouts, time_s, self.is_now))
 
     def _stated_place(self, exemplar: str, product: str) -> str:
         """Return what something is stated to stand on or in, though nobody saw it; empty for none.

@@ -61,14 +61,16 @@ def _of_places(
     return "; ".join(lines)
 
 
-def sentence(place: Whereabouts, time_s: float) -> str:
+def sentence(place: Whereabouts, time_s: float, is_now: bool = True) -> str:
     """Return where one thing is, since when, who says so, and how sure it is.
 
     >>> sentence(Whereabouts("urn:t", "urn:p", "cup", "unknown"), 0.0)
     'cup: not known, nobody has seen it'
+    >>> sentence(Whereabouts("urn:t", "urn:p", "cup", "unknown"), 0.0, is_now=False)
+    'cup: not known, nobody had seen it by then'
     """
     if not place.is_known:
-        return f"{place.label}: not known, {_why_unknown(place, time_s)}"
+        return f"{place.label}: not known, {_why_unknown(place, time_s, is_now)}"
     by = f" by {place.agent}" if place.agent else ""
     seen = f", seen{by} {_ago(time_s - (place.seen_s or time_s))}"
     sure = f", still there with {place.still_there:.0%}"
@@ -91,11 +93,13 @@ def _where(place: Whereabouts) -> str:
     return " ".join(parts)
 
 
-def _why_unknown(place: Whereabouts, time_s: float) -> str:
+def _why_unknown(place: Whereabouts, time_s: float, is_now: bool) -> str:
+    # Of an instant in the past, somebody may have seen it since.
+    unseen = "nobody has seen it" if is_now else "nobody had seen it by then"
     if place.since_s is None and place.place_label:
-        return f"nobody has seen it; it is stated to be on or in {place.place_label}"
+        return f"{unseen}; it is stated to be on or in {place.place_label}"
     if place.since_s is None:
-        return "nobody has seen it"
+        return unseen
     if place.until_s is None:
         return "nobody had seen it by then"
     last = f"on or in {place.place_label} " if place.place_label else ""

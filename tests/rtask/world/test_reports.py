@@ -159,3 +159,18 @@ def test_reports_that_cannot_be_understood_are_refused(lab, look, engine):
     with pytest.raises(UnknownTermError, match="no thing 'spoon'"):
         trace(engine, "spoon")
     assert trace(engine, box).label == "tea box"
+
+
+def test_a_pose_that_no_robot_sees_from_its_body_is_another_unit(lab, look, engine):
+    mm = ("blue cup", 300.0, 0.0)
+    with pytest.raises(UsageError, match=r"seen\[0\]\.pose: 300 m .* another unit"):
+        look(0, mm, frame="base")
+    assert not engine.call("where_is", {"name": "blue cup"}, NAO).known
+    look(0, mm, frame="map")  # a building may be that long
+
+
+def test_of_an_instant_before_it_was_seen_it_is_not_said_that_nobody_has(look, engine):
+    assert "nobody has seen it" in engine.call("where_is", {"name": "blue cup"}, NAO).text
+    look(0, ("blue cup", 0.1, 0.0))
+    before = engine.call("where_is", {"name": "blue cup", "stamp": NOON - 9}, NAO)
+    assert before.text.endswith("nobody had seen it by then")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 from annotated_types import Ge, Le, MaxLen, MinLen
 from pydantic import Field
 
@@ -26,6 +27,11 @@ if TYPE_CHECKING:
     from rtask.kb.commit.access import Access
 
 __all__ = ["ReportSightings", "report_sightings"]
+
+
+_WIDE_FRAMES = ("odom", "map", "world", "earth")
+"""Frames in which a robot may be far from the origin (REP 105)."""
+_FARTHEST_M = 100.0
 
 
 class SeenThing(Message):
@@ -97,7 +103,8 @@ def report_sightings(
         hands = [hand.iri.value for hand in context.grippers.all() if hand.robot.value == agent]
         edit.lose_all([_thing(context, thing) for thing in request.gone], time_s)
         things = []
-        for seen in request.seen:
+        for k, seen in enumerate(request.seen):
+            _check_near(context, frame, seen, k)
             product = _product(context, seen.object)
             if seen.thing is not None and not edit.is_of(_thing(context, seen.thing), product):
                 raise UsageError(f"thing: {seen.thing} is not of {seen.object}", field="thing")
@@ -120,6 +127,26 @@ def report_sightings(
             for statement in (*declared, *edit.statements):
                 tx.add(*statement)
     return ReportedSightings(things=things, new=new, commit=context.commit_id(tx.commit))
+
+
+def _check_near(context: Context, frame: str, seen: SeenThing, k: int) -> None:
+    """Refuse a pose that no camera of a robot sees; a map may be wider.
+
+    Raises
+    ------
+    UsageError
+        It is too far from the robot's own frame.
+    """
+    frames = context.world.frames
+    if not frames.is_of_robot(frame) or frames.name_of(frame) in _WIDE_FRAMES:
+        return
+    away_m = float(np.linalg.norm(seen.pose[:3, 3]))
+    if away_m > _FARTHEST_M:
+        field = f"seen[{k}].pose"
+        raise UsageError(
+            f"{field}: {away_m:.3g} m from a frame of the robot: is it in another unit?",
+            field=field,
+        )
 
 
 def _thing(context: Context, thing: str) -> str:
