@@ -38,7 +38,7 @@ def test_what_nobody_saw_may_still_be_stated_to_stand_somewhere(lab):
     )
     answer = lab.ask(lab.cup, 0)
     assert not answer.is_known
-    assert answer.text.endswith("nobody has seen it; it is stated to be on or in tray")
+    assert answer.text.endswith("nobody had seen it by then; it is stated to be on or in tray")
     assert answer.exemplars[0].place == "urn:tray"
 
 
