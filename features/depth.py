@@ -25,6 +25,8 @@ _GAP, _MAX_NEAR = 0.2, 0.01
 its own: surfaces have neighbours, and noise spreads them over many numbers."""
 _BEYOND_M = 8.0
 """Depth from which on any one number that stands alone is the end of a range, and no surface."""
+_TOO_NEAR_M = 0.03
+"""No depth camera measures so near: a number there that stands alone is a code."""
 _NO_DEPTH_M = 1e5
 """More than that is the largest float or a figure for infinity, in metres and in millimetres."""
 _MOST_MARKS = 3
@@ -36,8 +38,8 @@ def depth_of_steps(
     """Return a depth image (h, w), m, of whole numbers of steps, such as millimetres (REP 118).
 
     Missing (0) are 0, negative ones and the largest of 16 bits; a number at which ranges end, where
-    much of the image has it and nothing lies near it; and any number beyond 8 m that stands alone
-    like that.
+    much of the image has it and nothing lies near it; and any number beyond 8 m or within 3 cm that
+    stands alone like that.
 
     Parameters
     ----------
@@ -55,7 +57,8 @@ def depth_of_steps(
     is_measured = (steps > 0) & (steps < np.iinfo(np.uint16).max)
     if is_measured.any():
         for mark in _standing_alone(np.bincount(steps[is_measured].ravel()), steps.size):
-            if mark in _MARKS or mark * step_m >= _BEYOND_M:
+            is_far_or_near = mark * step_m >= _BEYOND_M or mark * step_m <= _TOO_NEAR_M
+            if mark in _MARKS or is_far_or_near:
                 is_mark = steps == mark
                 is_measured &= ~is_mark
                 _say_taken(say, float(is_mark.mean()), mark * step_m)
@@ -68,7 +71,7 @@ def depth_of_metres(
     """Return a depth image (h, w), m, with 0 where nothing was measured.
 
     That is what :func:`features.geometry.finite_depth` leaves out, the largest floats, and a number
-    beyond 8 m that much of the image has, and near which nothing lies.
+    beyond 8 m or within 3 cm that much of the image has, and near which nothing lies.
 
     Parameters
     ----------
@@ -83,19 +86,26 @@ def depth_of_metres(
     depth = finite_depth(depth_m)
     depth[depth >= _NO_DEPTH_M] = 0
     for _ in range(_MOST_MARKS):
-        # Only the end of a range is looked for: to sort all numbers of each image costs too much.
+        # Only the ends of the range are looked at: to sort all numbers of each image takes long.
         farthest = float(depth.max(initial=0))
-        if farthest < _BEYOND_M:
+        nearest = float(depth.min(initial=np.inf, where=depth > 0))
+        marks = [nearest] * (nearest <= _TOO_NEAR_M) + [farthest] * (farthest >= _BEYOND_M)
+        alone = [mark for mark in marks if _stands_alone(depth, mark)]
+        if not alone:
             break
-        is_mark = depth == farthest
-        own = int(np.count_nonzero(is_mark))
-        near = int(np.count_nonzero(depth > (1 - _GAP) * farthest)) - own
-        is_all = own == np.count_nonzero(depth)
-        if is_all or own < _MIN_SHARE * depth.size or near > _MAX_NEAR * own:
-            break
+        is_mark = depth == alone[0]
         depth[is_mark] = 0
-        _say_taken(say, own / depth.size, farthest)
+        _say_taken(say, float(is_mark.mean()), alone[0])
     return depth
+
+
+def _stands_alone(depth_m: NDArray[np.float32], mark_m: float) -> bool:
+    """Whether much of a depth image, and not all, is one number near which nothing lies."""
+    own = int(np.count_nonzero(depth_m == mark_m))
+    if own < _MIN_SHARE * depth_m.size or own == np.count_nonzero(depth_m):
+        return False
+    is_near = (depth_m > (1 - _GAP) * mark_m) & (depth_m < (1 + _GAP) * mark_m)
+    return int(np.count_nonzero(is_near)) - own <= _MAX_NEAR * own
 
 
 def _standing_alone(counts: NDArray[np.intp], pixels: int) -> list[int]:

@@ -20,7 +20,7 @@ from features.codec.image_header import image_size
 from features.codec.limits import CloudFormatError, Limits
 from features.depth import depth_of_metres, depth_of_steps
 
-__all__ = ["decode_compressed_depth", "decode_rvl", "is_compressed_depth"]
+__all__ = ["decode_compressed_depth", "decode_rvl", "has_constants", "is_compressed_depth"]
 
 _HEADER = struct.Struct("<iff")
 _SIZE = struct.Struct("<ii")
@@ -33,6 +33,20 @@ _MOST_VALUE = 65_535
 def is_compressed_depth(message: Mapping[str, Any]) -> bool:
     """Whether a ``sensor_msgs/CompressedImage`` says that it holds compressed depth."""
     return "compresseddepth" in str(message.get("format", "")).lower()
+
+
+def has_constants(header: bytes) -> bool:
+    """Whether the bytes before a picture hold the constants of inverse depth.
+
+    Examples
+    --------
+    >>> has_constants(_HEADER.pack(0, 100.0, 1.0)), has_constants(bytes(12))
+    (True, False)
+    """
+    if len(header) != _HEADER.size:
+        return False
+    _, a, b = _HEADER.unpack(header)
+    return bool(np.isfinite(a) and np.isfinite(b) and 1e-3 < a < 1e6)
 
 
 def decode_compressed_depth(

@@ -16,7 +16,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from features.codec.compressed_depth import decode_compressed_depth, is_compressed_depth
+from features.codec.compressed_depth import (
+    decode_compressed_depth,
+    has_constants,
+    is_compressed_depth,
+)
 from features.codec.image_header import image_size
 from features.codec.image_header import is_image as is_picture
 from features.codec.limits import CloudFormatError, Limits
@@ -210,6 +214,11 @@ def image_bytes(
         # Transports put a header before the picture of compressedDepth.
         at = data.find(_PNG, 0, 64)
         image = data if is_picture(data) or at < 0 else data[at:]
+        if image is not data and has_constants(data[:at]):
+            raise CloudFormatError(
+                f"CompressedImage: inverse depth by its header, but the format "
+                f"{message.get('format')!r} does not say compressedDepth of 32FC1"
+            )
         if not is_picture(image):
             raise CloudFormatError(
                 f"CompressedImage: format {message.get('format')!r} is no picture (JPEG, PNG, "

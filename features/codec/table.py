@@ -82,7 +82,10 @@ def cloud_from_fields(table: Table, name: str, shape: tuple[int, ...] = ()) -> C
         finite &= is_away
     whole, positions = shape or (len(positions),), positions[finite]
     if positions.size and np.abs(positions).max() > _MAX_COORDINATE_M:
-        raise CloudFormatError(f"{name}: a point lies beyond {_MAX_COORDINATE_M:.0f} m")
+        raise CloudFormatError(
+            f"{name}: a point lies beyond {_MAX_COORDINATE_M:.0f} m: is it in another unit, or are "
+            "its bytes in another order?"
+        )
     colours = colours_of(table)
     if colours is not None:
         colours = colours[finite]

@@ -28,9 +28,11 @@ from features.geometry import (
 __all__ = [
     "Lens",
     "align_colour",
+    "baseline_m",
     "camera_of_grid",
     "describes_rectified",
     "frame_of_grid",
+    "has_same_rays",
     "lens_from_message",
     "lens_of_size",
     "scaled",
@@ -40,6 +42,7 @@ __all__ = [
 _MAX_GRID_ERROR_PX = 0.75
 _MIN_GRID_POINTS = 50
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
+_SAME_RAYS = 0.02
 _NARROWEST_DEG, _WIDEST_DEG = 0.5, 170.0
 FISHEYE = "equidistant"
 """Distortion model of a fisheye lens, as ROS names it (Kannala and Brandt 2006, k1 to k4)."""
@@ -207,6 +210,40 @@ def _projection(message: Mapping[str, Any]) -> list[float] | None:
     if p.shape != (12,) or p[0] == 0:
         return None
     return [float(p[place]) for place in (0, 5, 2, 6)]
+
+
+def baseline_m(message: Mapping[str, Any]) -> tuple[float, float]:
+    """Return where a rectified camera has the origin of its frame, m to the right and down.
+
+    The second camera of a stereo pair is described in the frame of the first, and P holds how far
+    it stands off, times the focal length (``sensor_msgs/CameraInfo``: Tx, Ty).
+
+    Examples
+    --------
+    >>> baseline_m({"p": [50.0, 0, 32, -5, 0, 50, 24, 0, 0, 0, 1, 0]})
+    (-0.1, 0.0)
+    """
+    projection = _projection(message)
+    if projection is None:
+        return 0.0, 0.0
+    given = message.get("p", message.get("P"))
+    p = np.asarray(given, np.float64).ravel()
+    return float(p[3] / projection[0]), float(p[7] / projection[1] if projection[1] else 0.0)
+
+
+def has_same_rays(one: Lens, other: Lens) -> bool:
+    """Whether two lenses look along the same rays, at whatever resolution, to 2 % of the image.
+
+    Examples
+    --------
+    >>> full, half = Intrinsics(8, 4, 9.0, 9.0, 3.5, 1.5), Intrinsics(4, 2, 4.5, 4.5, 1.5, 0.5)
+    >>> has_same_rays(Lens(full), Lens(half))
+    True
+    """
+    first, second = one.intrinsics, other.intrinsics
+    same = scaled(second, first.width, first.height)
+    off = [first.fx - same.fx, first.fy - same.fy, first.cx - same.cx, first.cy - same.cy]
+    return bool(np.max(np.abs(off)) <= _SAME_RAYS * max(first.width, first.height))
 
 
 def undistorted(

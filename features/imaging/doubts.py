@@ -6,20 +6,25 @@ told from the numbers is told here, in a sentence; nothing is changed by it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from features.codec.ros import DEPTH_ENCODINGS, pixels_of_image
 from features.geometry import Float64Array, FloatArray, Intrinsics, points_from_depth
 from features.segmentation.plane import find_table_plane
 
 __all__ = [
+    "doubtful_bytes",
+    "doubtful_camera",
     "doubtful_frame",
     "doubtful_rays",
     "doubtful_steps",
     "implausible_cloud",
     "implausible_depth",
+    "implausible_middle",
     "implausible_object",
     "implausible_support",
 ]
@@ -36,9 +41,15 @@ _LARGEST_OBJECT_M = 1.0
 _UNDER_M, _OVER_M = 0.05, 1.0
 """How far an object may reach below its support by errors of measurement, and how far its lowest
 visible point may be above: the top alone of a tall one is seen from above."""
+_OFF_CENTRE, _STRETCHED = 0.25, 1.25
+"""A principal point farther from the middle, of the side, and pixels less square, are no camera's
+that shows all of its sensor."""
+_NO_NUMBER_M = 1e-6
+_ROUGHER = 20
+"""Neighbours differ so many times more if the bytes of each number are read in the wrong order."""
 _STEP_PX = 3
 """Every third row and column tells as much of numbers, and sorts in a ninth of the time."""
-_MAX_PLATEAU, _OUTSTANDING, _MANY_NUMBERS = 0.05, 10, 50
+_MAX_PLATEAU, _OUTSTANDING, _MANY_NUMBERS = 0.01, 10, 50
 """One number that holds such a share, so many times the next one's, of so many, was not measured:
 noise spreads even a wall that faces the camera."""
 _NOISE_M = 0.0015
@@ -62,12 +73,24 @@ def implausible_depth(depth_m: NDArray[np.float32]) -> str:
     measured = depth_m[depth_m > 0]
     if not len(measured):
         return ""
-    middle = float(np.median(measured))
-    if middle > _FARTHEST_M:
-        return f"half of the depth lies beyond {middle:.3g} m: is it in another unit?"
-    if middle < _NEAREST_M:
-        return f"half of the depth lies within {middle:.3g} m: is it in another unit?"
-    return _outstanding(depth_m)
+    return implausible_middle(float(np.median(measured))) or _outstanding(depth_m)
+
+
+def implausible_middle(middle_m: float) -> str:
+    """Return why the unit is doubtful if half of what a camera sees lies nearer, m; else nothing.
+
+    Examples
+    --------
+    >>> implausible_middle(0.0007)
+    'half of the depth lies within 0.0007 m: is it in another unit?'
+    """
+    if middle_m > _FARTHEST_M:
+        return f"half of the depth lies beyond {middle_m:.3g} m: is it in another unit?"
+    if middle_m < _NO_NUMBER_M:
+        return f"half of the depth lies within {middle_m:.3g} m: are its bytes in another order?"
+    if middle_m < _NEAREST_M:
+        return f"half of the depth lies within {middle_m:.3g} m: is it in another unit?"
+    return ""
 
 
 def _outstanding(depth_m: NDArray[np.float32]) -> str:
@@ -103,7 +126,7 @@ def doubtful_steps(steps: NDArray[np.integer[Any]]) -> str:
     Examples
     --------
     >>> doubtful_steps(np.arange(500, 900).reshape(20, 20) * 5)
-    'every number is a multiple of 5: is a step 1/5 of a millimetre, --depth-unit 0.0002?'
+    'every number is a multiple of 5: is a step 1/5 of a millimetre, 0.0002 m?'
     """
     numbers = np.unique(steps[steps > 0])
     if len(numbers) < _MANY_NUMBERS:
@@ -113,9 +136,72 @@ def doubtful_steps(steps: NDArray[np.integer[Any]]) -> str:
         return ""
     # Cameras count millimetres: TUM's data sets hold five steps of each, the first Kinect's eight.
     return (
-        f"every number is a multiple of {by}: is a step 1/{by} of a millimetre, --depth-unit "
-        f"{0.001 / by:.4g}?"
+        f"every number is a multiple of {by}: is a step 1/{by} of a millimetre, {0.001 / by:.4g} m?"
     )
+
+
+def doubtful_bytes(message: Mapping[str, Any]) -> str:
+    """Return why the bytes of an Image of 16 bits may be in another order than it says.
+
+    Neighbours on a surface differ by little; with their bytes exchanged, by 256 times as much.
+
+    Examples
+    --------
+    >>> steps = np.arange(600, 856, dtype=">u2").reshape(16, 16)
+    >>> image = {"encoding": "16UC1", "height": 16, "width": 16, "data": steps.tobytes()}
+    >>> doubtful_bytes(image)
+    'its surfaces are smooth only if the bytes of each number are exchanged: is is_bigendian wrong?'
+    >>> doubtful_bytes(image | {"is_bigendian": 1})
+    ''
+    """
+    if message.get("encoding") not in ("mono16", *DEPTH_ENCODINGS):
+        return ""
+    steps = pixels_of_image(message)
+    if steps.dtype != np.uint16:
+        return ""
+    read, exchanged = _roughness(steps), _roughness(steps.byteswap())
+    if exchanged * _ROUGHER > read or not exchanged < read:
+        return ""
+    return (
+        "its surfaces are smooth only if the bytes of each number are exchanged: is is_bigendian "
+        "wrong?"
+    )
+
+
+def _roughness(steps: NDArray[np.uint16]) -> float:
+    """Return the median difference of neighbours that were measured, and at least half a step."""
+    apart = np.abs(np.diff(steps.astype(np.int64), axis=1))[
+        (steps[:, 1:] > 0) & (steps[:, :-1] > 0)
+    ]
+    return max(float(np.median(apart)), 0.5) if len(apart) else 0.0
+
+
+def doubtful_camera(camera: Intrinsics) -> str:
+    """Return why the numbers of a camera may be of another image; empty if they may be its own.
+
+    Parameters
+    ----------
+    camera
+        Of the whole sensor: a part that was cut out has its principal point anywhere.
+
+    Examples
+    --------
+    >>> doubtful_camera(Intrinsics(640, 480, 1200.0, 1200.0, 639.5, 479.5))
+    'a centre at (640, 480) of 640x480 px, far from the middle: are K or P of another size?'
+    """
+    size = f"{camera.width}x{camera.height} px"
+    for centre, side in ((camera.cx, camera.width), (camera.cy, camera.height)):
+        if abs(centre - (side - 1) / 2) > _OFF_CENTRE * side:
+            return (
+                f"a centre at ({camera.cx:.3g}, {camera.cy:.3g}) of {size}, far from the middle: "
+                "are K or P of another size?"
+            )
+    if max(camera.fx / camera.fy, camera.fy / camera.fx) > _STRETCHED:
+        return (
+            f"focal lengths of {camera.fx:.4g} across and {camera.fy:.4g} down, for {size}: are K "
+            "or P of another size?"
+        )
+    return ""
 
 
 def doubtful_rays(depth_m: NDArray[np.float32], camera: Intrinsics) -> str:

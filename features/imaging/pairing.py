@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -13,44 +14,60 @@ from features.codec.limits import Limits
 from features.codec.ros import ColourScale, deep_colours, image_bytes, pcd_from_point_cloud
 from features.codec.sniff import decode
 from features.codec.types import Cloud
-from features.geometry import Frame
+from features.geometry import Float64Array, Frame
 from features.imaging.camera import (
     Lens,
+    baseline_m,
     describes_rectified,
+    has_same_rays,
     lens_from_message,
     lens_of_size,
 )
+from features.imaging.described import CameraDescriptions, name_space, stamp_of
 from features.imaging.doubts import (
-    doubtful_frame,
+    doubtful_bytes,
+    doubtful_camera,
     doubtful_rays,
+    doubtful_steps,
     implausible_cloud,
     implausible_depth,
 )
 from features.imaging.mounting import Mounting
 from features.imaging.photo import Photo, read_photo
 from features.imaging.pictures import PAIRED_S, depth_of_message, view_of_images
+from features.imaging.placed import in_camera_frame
 from features.imaging.topics import Plan, is_rectified_topic, sensor_of
 
 __all__ = ["Pairing"]
 
-_TRANSPORTS = ("compressed", "compressedDepth", "theora", "ffmpeg")
 _STORED_BYTES = 256 * 2**20
 _MILLIMETRE = 0.001
+_AT_ONCE_S = 0.002
+"""Colour so near in time needs no look at the next one."""
+_MOST_WAITING, _LONGEST_WAIT_S = 8, 0.5
+_MOST_COLOURS = 16
+_ONE_CLOCK_S = 1.0
+"""Stamps of two topics are of one clock if both were recorded about as long after them."""
+
+
+class _Image(NamedTuple):
+    """What all images have: times, topic, frame, and how many cameras were described by then."""
+
+    recorded_s: float
+    stamp_s: float
+    topic: str
+    frame_id: str
+    described: int
 
 
 class _Depth(NamedTuple):
-    time_s: float
-    stamp_s: float
-    topic: str
+    of: _Image
     depth_m: NDArray[np.float32]
-    frame_id: str
 
 
 class _Colour(NamedTuple):
-    time_s: float
-    topic: str
+    of: _Image
     photo: Photo
-    frame_id: str
 
 
 @dataclass
@@ -67,15 +84,22 @@ class Pairing:
         How the cameras stand to one another.
     units_m
         Metres of one step of depth, by sensor, where a recording says it.
+    lags_s
+        How long after the stamps of its headers a topic was recorded, s; only of topics whose
+        stamps tell time.
+    from_s
+        Views that were recorded before are not wanted, s.
     """
 
     plan: Plan
     warn: Callable[[str], None]
     mounting: Mounting = field(default_factory=Mounting)
     units_m: dict[str, float] = field(default_factory=dict)
-    _cameras: dict[str, Mapping[str, Any]] = field(default_factory=dict)
-    _colours: dict[str, _Colour] = field(default_factory=dict)
-    _depths: dict[str, _Depth] = field(default_factory=dict)
+    lags_s: dict[str, float] = field(default_factory=dict)
+    from_s: float = 0.0
+    cameras: CameraDescriptions = field(default_factory=CameraDescriptions)
+    _colours: dict[str, deque[_Colour]] = field(default_factory=dict)
+    _depths: dict[str, deque[_Depth]] = field(default_factory=dict)
     _warned: set[tuple[str, str]] = field(default_factory=set)
     _looked_at: set[str] = field(default_factory=set)
     _scales: dict[str, ColourScale] = field(default_factory=dict)
@@ -85,10 +109,6 @@ class Pairing:
             self._leave_out(topic, reason)
         for topic, doubt in self.plan.doubts.items():
             self._warn_once(topic, doubt)
-
-    def add_camera(self, topic: str, message: Mapping[str, Any]) -> None:
-        """Take the description of a camera, ``sensor_msgs/CameraInfo``, from its topic."""
-        self._cameras[_space(topic)] = message
 
     def take(
         self, topic: str, kind: str, message: Mapping[str, Any], time_s: float
@@ -102,24 +122,16 @@ class Pairing:
     def finish(self) -> Iterator[Frame]:
         """Yield the depth that still waits, with the colour that is near in time."""
         for topic in list(self._depths):
-            yield from self._join(topic, self._colour_near(topic))
+            yield from self._settle(topic, is_last=True)
 
     def _take(
         self, topic: str, kind: str, message: Mapping[str, Any], time_s: float
     ) -> Iterator[Frame | Cloud | Photo]:
         if kind.endswith("CameraInfo"):
-            self.add_camera(topic, message)
+            self.cameras.add(topic, message)
         elif kind.endswith("PointCloud2"):
-            seen = decode(pcd_from_point_cloud(message), Limits(stored_bytes=_STORED_BYTES))
-            if not isinstance(seen, Cloud):
-                yield seen
-                return
-            doubt = implausible_cloud(seen.positions)
-            if not doubt and self._is_first(topic):
-                doubt = doubtful_frame(seen.positions, seen.frame_id)
-            if doubt:
-                self._warn_once(topic, doubt)
-            yield replace(seen, stamp_s=_stamp_s(message, time_s))
+            if time_s >= self.from_s:
+                yield self._cloud(topic, message, time_s)
         elif topic in self.plan.depth:
             depth_m = depth_of_message(
                 message, is_depth_topic=True, say=lambda text: self._warn_once(topic, text, "marks")
@@ -131,112 +143,214 @@ class Pairing:
                 yield from self._take_depth(topic, message, depth_m, time_s)
         elif topic in self.plan.colour and topic not in self.plan.left_out:
             photo = read_photo(image_bytes(message, scale=self._scale_of(topic, message)))
-            frame_id = str(message["header"]["frame_id"])
-            yield from self._take_colour(_Colour(time_s, topic, photo, frame_id))
+            yield from self._take_colour(_Colour(self._image(topic, message, time_s), photo))
+
+    def _image(self, topic: str, message: Mapping[str, Any], recorded_s: float) -> _Image:
+        frame_id = str(message["header"]["frame_id"])
+        return _Image(recorded_s, stamp_of(message), topic, frame_id, self.cameras.count)
+
+    def _cloud(self, topic: str, message: Mapping[str, Any], recorded_s: float) -> Frame | Cloud:
+        seen = decode(pcd_from_point_cloud(message), Limits(stored_bytes=_STORED_BYTES))
+        if not isinstance(seen, Cloud):
+            return seen
+        doubt = implausible_cloud(seen.positions)
+        if not doubt:
+            # Each is brought to the frame of its camera, as clouds of files are.
+            seen, doubt = in_camera_frame(seen)
+        if doubt:
+            self._warn_once(topic, doubt)
+        return replace(seen, stamp_s=stamp_of(message) or recorded_s)
 
     def _take_depth(
         self, topic: str, message: Mapping[str, Any], depth_m: NDArray[np.float32], time_s: float
     ) -> Iterator[Frame]:
-        if topic in self._depths:
-            yield from self._join(topic, self._colour_near(topic))
         unit_m = self.units_m.get(sensor_of(topic), _MILLIMETRE)
+        if topic not in self._looked_at:
+            self._say_steps(topic, message, depth_m, is_usual=unit_m == _MILLIMETRE)
         depth_m = np.asarray(depth_m * np.float32(unit_m / _MILLIMETRE))
         doubt = implausible_depth(depth_m)
         if doubt:
             self._warn_once(topic, doubt)
-        frame_id, stamp_s = str(message["header"]["frame_id"]), _stamp_s(message, time_s)
-        self._depths[topic] = _Depth(time_s, stamp_s, topic, depth_m, frame_id)
-        colour = self._colour_near(topic)
-        if colour is not None and time_s - colour.time_s < PAIRED_S / 4:
-            yield from self._join(topic, colour)
+        seen = _Depth(self._image(topic, message, time_s), depth_m)
+        self._depths.setdefault(topic, deque()).append(seen)
+        yield from self._settle(topic)
+
+    def _say_steps(
+        self, topic: str, message: Mapping[str, Any], depth_m: NDArray[np.float32], is_usual: bool
+    ) -> None:
+        """Say what of whole numbers is doubtful: the order of their bytes, or their unit."""
+        doubt = doubtful_bytes(message)
+        is_whole = not str(message.get("encoding", message.get("format"))).startswith(("32", "64"))
+        if not doubt and is_whole and is_usual:
+            doubt = doubtful_steps(np.rint(depth_m / _MILLIMETRE).astype(np.int64))
+        if doubt:
+            self._warn_once(topic, doubt, "steps")
 
     def _take_colour(self, colour: _Colour) -> Iterator[Frame | Photo]:
-        is_alone = not self.plan.depth and not self.plan.has_clouds
-        if is_alone:
-            yield colour.photo
-        waiting = [
-            name for name in self._depths if colour.topic in self.plan.partners.get(name, ())
-        ]
-        before = {name: self._colour_near(name) for name in waiting}
-        self._colours[colour.topic] = colour
-        for name in waiting:
-            depth, earlier = self._depths[name], before[name]
-            is_before_nearer = (
-                earlier is not None and depth.time_s - earlier.time_s < colour.time_s - depth.time_s
+        topic = colour.of.topic
+        if not self.plan.depth and not self.plan.has_clouds:
+            if colour.of.recorded_s >= self.from_s:
+                yield colour.photo
+            return
+        self._colours.setdefault(topic, deque(maxlen=_MOST_COLOURS)).append(colour)
+        for name in list(self._depths):
+            if topic in self.plan.partners.get(name, ()):
+                yield from self._settle(name)
+
+    def _settle(self, topic: str, is_last: bool = False) -> Iterator[Frame]:
+        """Yield the depth of a topic whose colour is known, the oldest first.
+
+        Messages are recorded as they arrive, and a compressed picture arrives later than the depth
+        of the same moment: the nearest is known once a later picture has come.
+        """
+        waiting = self._depths[topic]
+        while waiting:
+            depth = waiting[0]
+            apart = [
+                (self._apart_s(depth, colour), colour)
+                for name in self.plan.partners.get(topic, ())
+                for colour in self._colours.get(name, ())
+            ]
+            off, colour = min(apart, key=lambda pair: abs(pair[0]), default=(0.0, None))
+            is_known = any(pair[0] >= 0 for pair in apart) or (
+                colour is not None and abs(off) <= _AT_ONCE_S
             )
-            yield from self._join(name, earlier if is_before_nearer else colour)
+            waited_s = waiting[-1].of.recorded_s - depth.of.recorded_s
+            has_waited = len(waiting) > _MOST_WAITING or waited_s > _LONGEST_WAIT_S
+            is_alone = not self.plan.partners.get(topic) and len(waiting) > 1
+            if not (is_known or has_waited or is_alone or is_last):
+                return
+            waiting.popleft()
+            if depth.of.recorded_s >= self.from_s:
+                yield from self._join(depth, colour if abs(off) <= PAIRED_S else None)
 
-    def _colour_near(self, depth_topic: str) -> _Colour | None:
-        """Return the last picture of the camera of a topic of depth."""
-        partners = self.plan.partners.get(depth_topic, ())
-        seen = [self._colours[name] for name in partners if name in self._colours]
-        return max(seen, key=lambda colour: colour.time_s, default=None)
+    def _apart_s(self, depth: _Depth, colour: _Colour) -> float:
+        """Return how much later than depth a picture was taken, s."""
+        lags = [self.lags_s.get(each.of.topic) for each in (depth, colour)]
+        recorded = colour.of.recorded_s - depth.of.recorded_s
+        if lags[0] is None or lags[1] is None:
+            return recorded
+        if abs(lags[0] - lags[1]) > _ONE_CLOCK_S:
+            self._warn_once(
+                colour.of.topic,
+                f"its stamps are of another clock than those of {depth.of.topic}: paired by when "
+                "they were recorded",
+                "clock",
+            )
+            return recorded
+        return colour.of.stamp_s - depth.of.stamp_s
 
-    def _join(self, depth_topic: str, colour: _Colour | None) -> Iterator[Frame]:
-        """Yield the depth that waits, with a colour image if it is near in time."""
-        depth = self._depths.pop(depth_topic)
-        if colour is not None and abs(colour.time_s - depth.time_s) > PAIRED_S:
-            colour = None
-        shape = depth.depth_m.shape
-        lens = self._lens(depth_topic, shape)
-        if lens is None and self.plan.depth[depth_topic].is_aligned:
+    def _join(self, depth: _Depth, colour: _Colour | None) -> Iterator[Frame]:
+        """Yield depth, with the colour that belongs to it if there is one."""
+        topic, shape = depth.of.topic, depth.depth_m.shape
+        lens = self._lens(depth.of, shape)
+        if lens is None and self.plan.depth[topic].is_aligned:
             # Depth that was laid over colour is described by the camera of the colour.
-            partners = self.plan.partners[depth_topic]
-            lens = next(filter(None, (self._lens(name, shape) for name in partners)), None)
+            partners = self.plan.partners[topic]
+            images = [depth.of._replace(topic=name, frame_id="") for name in partners]
+            lens = next(filter(None, (self._lens(image, shape) for image in images)), None)
         if lens is None:
             across, down = shape[::-1]
-            self._leave_out(depth_topic, f"no CameraInfo of {across}x{down} px beside it")
+            self._leave_out(topic, f"no CameraInfo of {across}x{down} px beside it")
             return
         seen = None
         if colour is not None:
             try:
                 seen = self._coloured(depth, lens, colour)
             except ValueError as error:
-                self._leave_out(colour.topic, str(error))
+                self._leave_out(colour.of.topic, str(error))
         if seen is None:
             seen = view_of_images(depth.depth_m, lens, None)
-        if self._is_first(depth_topic):
+        if self._is_first(topic):
             doubt = doubtful_rays(seen.depth_m, seen.intrinsics)
             if doubt:
-                self._warn_once(depth_topic, doubt, "rays")
-        yield replace(seen, frame_id=depth.frame_id, stamp_s=depth.stamp_s)
+                self._warn_once(topic, doubt, "rays")
+        stamp_s = depth.of.stamp_s or depth.of.recorded_s
+        yield replace(seen, frame_id=depth.of.frame_id, stamp_s=stamp_s)
 
     def _coloured(self, depth: _Depth, lens: Lens, colour: _Colour) -> Frame:
         rgb = colour.photo.rgb
-        seen_by = self._lens(colour.topic, rgb.shape[:2])
+        seen_by = self._lens(colour.of, rgb.shape[:2])
         pose = None
-        where, whence = colour.frame_id.lstrip("/"), depth.frame_id.lstrip("/")
-        if where != whence and where and whence and not self.plan.depth[depth.topic].is_aligned:
-            pose = self.mounting.pose(where, whence)
-            if pose is None:
-                self._warn_once(
-                    colour.topic,
-                    f"in the frame {where}, depth in {whence}, and no static transform joins them: "
-                    "taken for seen from one place",
-                )
-        if seen_by is None and where != whence:
+        if not self.plan.depth[depth.of.topic].is_aligned:
+            pose = self._colour_from_depth(depth, lens, colour, seen_by)
+        if seen_by is None and colour.of.frame_id.lstrip("/") != depth.of.frame_id.lstrip("/"):
             self._warn_once(
-                colour.topic, f"no CameraInfo beside it: taken for that of {depth.topic}"
+                colour.of.topic, f"no CameraInfo beside it: taken for that of {depth.of.topic}"
             )
         return view_of_images(depth.depth_m, lens, rgb, seen_by, pose)
 
-    def _lens(self, topic: str, shape: tuple[int, ...]) -> Lens | None:
+    def _colour_from_depth(
+        self, depth: _Depth, lens: Lens, colour: _Colour, seen_by: Lens | None
+    ) -> Float64Array | None:
+        """Return the pose of the camera of depth in that of colour; None = one place.
+
+        Transforms between their frames say it; RealSense's SDK records one for each stream; and
+        rectified cameras in one frame are told apart by the baseline in P.
+        """
+        topics = colour.of.topic, depth.of.topic
+        where, whence = colour.of.frame_id.lstrip("/"), depth.of.frame_id.lstrip("/")
+        if where != whence and where and whence:
+            pose = self.mounting.pose(where, whence)
+            between = f"in the frame {where}, depth in {whence}, and no static transform joins them"
+        elif all(map(sensor_of, topics)):
+            pose = self.mounting.pose(*map(name_space, topics))
+            between = f"nothing says where it is beside {name_space(topics[1])}"
+        else:
+            pose = self._rectified_baseline(depth, colour)
+            if pose is not None or seen_by is None or has_same_rays(lens, seen_by):
+                return pose
+            between = f"of another camera than {topics[1]}, and no frame tells them apart"
+        if pose is None:
+            self._warn_once(topics[0], f"{between}: taken for seen from one place", "place")
+        return pose
+
+    def _rectified_baseline(self, depth: _Depth, colour: _Colour) -> Float64Array | None:
+        """Return the pose that the baselines in P say; None where they say no difference."""
+        baselines = np.zeros((2, 2))
+        for row, image in enumerate((colour.of, depth.of)):
+            found = self._described(image)
+            if found is not None and is_rectified_topic(image.topic):
+                baselines[row] = baseline_m(found)
+        apart = baselines[0] - baselines[1]
+        if not apart.any():
+            return None
+        pose = np.eye(4)
+        pose[:2, 3] = apart
+        return pose
+
+    def _described(self, image: _Image) -> Mapping[str, Any] | None:
+        """Return the CameraInfo of an image; None where none lies beside it."""
+        found, doubt = self.cameras.find(
+            image.topic, image.frame_id, image.stamp_s, image.described
+        )
+        of_depth = self.plan.depth.get(image.topic)
+        if doubt and not (of_depth is not None and of_depth.is_aligned):
+            self._warn_once(image.topic, doubt, "frame")
+        return None if found is None else found.message
+
+    def _lens(self, image: _Image, shape: tuple[int, ...]) -> Lens | None:
         """Return the lens of an image (h, w) of a topic; None where none is described, or usable.
 
         A description of another size is brought to that of the image where their sides agree.
         """
-        message = self._cameras.get(_space(topic))
+        message = self._described(image)
         if message is None:
             return None
-        is_rectified = is_rectified_topic(topic)
+        space = name_space(image.topic)
+        is_rectified = is_rectified_topic(image.topic)
         if is_rectified and not describes_rectified(message):
-            self._warn_once(_space(topic), "its CameraInfo has no P for rectified images: taken K")
+            self._warn_once(space, "its CameraInfo has no P for rectified images: taken K")
         try:
             lens = lens_from_message(message, is_rectified)
-            return lens_of_size(lens, message, (shape[0], shape[1]))
+            fitting = lens_of_size(lens, message, (shape[0], shape[1]))
         except ValueError as error:
-            self._warn_once(_space(topic), f"its CameraInfo is of no use: {error}")
+            self._warn_once(space, f"its CameraInfo is of no use: {error}")
             return None
+        doubt = doubtful_camera(lens.intrinsics)
+        if doubt:
+            self._warn_once(space, doubt, "camera")
+        return fitting
 
     def _leave_out(self, topic: str, reason: str) -> None:
         self._warn_once(topic, f"left out: {reason}")
@@ -272,27 +386,3 @@ class Pairing:
         if (topic, about) not in self._warned:
             self._warned.add((topic, about))
             self.warn(f"{topic}: {reason}")
-
-
-def _stamp_s(message: Mapping[str, Any], recorded_s: float) -> float:
-    """Return when a message was measured: by its header, or as it was recorded if that is empty."""
-    stamp = message["header"]["stamp"]
-    return float(stamp.sec + stamp.nanosec * 1e-9) or recorded_s
-
-
-def _space(topic: str) -> str:
-    """Return the name space of a topic, in which its CameraInfo lies.
-
-    >>> _space("/camera/depth/image_raw"), _space("/camera/color/image_raw/compressed")
-    ('/camera/depth', '/camera/color')
-    >>> _space("/device_0/sensor_0/Depth_0/image/data")  # as RealSense's SDK records
-    '/device_0/sensor_0/Depth_0'
-    >>> _space("/device_0/sensor_0/Depth_0/info/camera_info")
-    '/device_0/sensor_0/Depth_0'
-    """
-    parts = topic.rstrip("/").split("/")
-    if parts[-1] in _TRANSPORTS:
-        parts = parts[:-1]
-    if sensor_of(topic) and parts[-2:] in (["image", "data"], ["info", "camera_info"]):
-        parts = parts[:-1]
-    return "/".join(parts[:-1])

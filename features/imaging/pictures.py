@@ -58,9 +58,11 @@ def depth_of_message(
             return None
         stored = np.frombuffer(image_bytes(message), np.uint8)
         pixels = cv2.imdecode(stored, cv2.IMREAD_UNCHANGED)
-        if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 2:
+        if pixels is None or pixels.ndim != 2:
             return None
-        return depth_of_steps(pixels, say=say)
+        if pixels.dtype == np.float32:  # a TIFF of metres
+            return depth_of_metres(np.asarray(pixels, np.float32), say)
+        return depth_of_steps(pixels, say=say) if pixels.dtype == np.uint16 else None
     is_grey = message["encoding"] == "mono16" and is_depth_topic
     if not is_grey and message["encoding"] not in DEPTH_ENCODINGS:
         return None

@@ -8,6 +8,7 @@ organised cloud, each of whose points lies on the ray of its pixel.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from scipy.linalg import rq
 from features.codec.types import Cloud
 from features.geometry import Float64Array, FloatArray, Intrinsics, transform
 from features.imaging.camera import camera_of_grid
-from features.imaging.doubts import doubtful_frame
+from features.imaging.doubts import doubtful_frame, implausible_middle
 
 __all__ = ["camera_of_placed_grid", "in_camera_frame", "on_pixels"]
 
@@ -31,22 +32,51 @@ _MAX_SKEW, _MAX_STRETCH = 0.01, 0.05
 """Of a pixel, as shares of the focal length: sensors have square ones."""
 
 
+class _Pinhole(NamedTuple):
+    """A camera, its pose (4, 4) in the frame of its points, and whether they are mirrored."""
+
+    camera: Intrinsics
+    source_from_camera: Float64Array
+    is_mirrored: bool
+
+
 def in_camera_frame(cloud: Cloud) -> tuple[Cloud, str]:
     """Return a cloud in the frame of its camera, and what was done or remains doubtful.
 
     The sentence is empty where the cloud came in that frame and nothing speaks against it.
     """
     if cloud.is_organised and camera_of_grid(cloud.grid()[0]) is not None:
-        return cloud, ""
+        # A camera's own rows: how far it sees tells the unit of all three axes.
+        return cloud, implausible_middle(float(np.median(cloud.positions[:, 2])))
     if cloud.viewpoint is not None:
         return _from_viewpoint(cloud, _inverse(cloud.viewpoint))
-    placed = camera_of_placed_grid(cloud.grid()[0]) if cloud.is_organised else None
-    if placed is None:
-        return _of_drawing(cloud)
+    pinhole = _pinhole_of_grid(cloud.grid()[0]) if cloud.is_organised else None
+    if pinhole is None:
+        return _with_sides_exchanged(cloud) or _of_drawing(cloud)
+    if pinhole.is_mirrored:
+        return cloud, (
+            "its rows and columns show a mirror image: does one of its axes, or the order of its "
+            "pixels, run the other way?"
+        )
+    placed = pinhole.camera, pinhole.source_from_camera
     x, y, z = placed[1][:3, 3].round(3) + 0.0  # -0.000 would be read as a side
     return _moved(cloud, _inverse(placed[1])), (
         f"its rows and columns show a camera at ({x:.3f}, {y:.3f}, {z:.3f}) m in its frame: read "
         "in the frame of that camera"
+    )
+
+
+def _with_sides_exchanged(cloud: Cloud) -> tuple[Cloud, str] | None:
+    """Return a cloud whose height and width are exchanged, put right; None if it is none such."""
+    if not cloud.is_organised:
+        return None
+    exchanged = replace(cloud, shape=cloud.shape[::-1])
+    if camera_of_grid(exchanged.grid()[0]) is None:
+        return None
+    height, width = exchanged.shape
+    return exchanged, (
+        f"its rows are those of a camera only if they are {width} wide and {height} high: height "
+        "and width are taken to be exchanged"
     )
 
 
@@ -122,6 +152,12 @@ def camera_of_placed_grid(points: FloatArray) -> tuple[Intrinsics, Float64Array]
     >>> round(found.fx, 2), pose[:3, 3].round(3).tolist()
     (80.0, [0.1, -0.4, 1.0])
     """
+    found = _pinhole_of_grid(points)
+    return None if found is None or found.is_mirrored else (found.camera, found.source_from_camera)
+
+
+def _pinhole_of_grid(points: FloatArray) -> _Pinhole | None:
+    """Return the pinhole of an organised cloud (h, w, 3), be it mirrored; None if it has none."""
     height, width = points.shape[:2]
     v, u = np.nonzero(np.isfinite(points).all(axis=-1))
     if len(u) < _MIN_POINTS:
@@ -141,8 +177,7 @@ def camera_of_placed_grid(points: FloatArray) -> tuple[Intrinsics, Float64Array]
     matrix = matrix / matrix[2, 2]
     fx, fy = float(matrix[0, 0]), float(matrix[1, 1])
     is_camera = (
-        np.linalg.det(turn) > 0  # else a mirror image
-        and abs(matrix[0, 1]) < _MAX_SKEW * fx
+        abs(matrix[0, 1]) < _MAX_SKEW * fx
         and abs(fx / fy - 1) < _MAX_STRETCH
         and 0 <= matrix[0, 2] < width
         and 0 <= matrix[1, 2] < height
@@ -153,7 +188,7 @@ def camera_of_placed_grid(points: FloatArray) -> tuple[Intrinsics, Float64Array]
     pose[:3, :3] = turn.T
     pose[:3, 3] = -np.linalg.solve(projection[:, :3], projection[:, 3])
     camera = Intrinsics(width, height, fx, fy, float(matrix[0, 2]), float(matrix[1, 2]))
-    return camera, pose
+    return _Pinhole(camera, pose, bool(np.linalg.det(turn) < 0))
 
 
 def _projection(places: Float64Array, u: NDArray[np.intp], v: NDArray[np.intp]) -> Float64Array:

@@ -1,14 +1,16 @@
 """Recordings of ROS: bags of ROS 1 and ROS 2, and MCAP (extra ``recordings``; needs no ROS).
 
-Depth is paired with the image nearest in time of its own camera's colour, and with the CameraInfo
-beside its topic; static transforms say how depth and colour stand to one another. What a topic
-carries is read from its messages and its name, never assumed: infrared is no depth, and a topic
-that cannot be read is left out with a warning, not the whole recording.
+Depth is paired with the image nearest in time of its own camera's colour, by the stamps of their
+headers where these tell time, and with the CameraInfo of its frame beside its topic; static
+transforms say how depth and colour stand to one another. What a topic carries is read from its
+messages and its name, never assumed: infrared is no depth, and a topic that cannot be read is left
+out with a warning, not the whole recording.
 """
 
 from __future__ import annotations
 
 import logging
+import re
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +22,7 @@ from features.codec.limits import CloudFormatError
 from features.codec.ros import deep_colours
 from features.codec.types import Cloud
 from features.geometry import Frame
+from features.imaging.described import name_space, stamp_of
 from features.imaging.mounting import Mounting
 from features.imaging.pairing import Pairing
 from features.imaging.photo import Photo
@@ -33,6 +36,12 @@ _TYPES = tuple(
     f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "CameraInfo", "PointCloud2")
 )
 _TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+_TRANSFORM = "geometry_msgs/msg/Transform"
+"""Of RealSense's SDK: the pose of a reference in the frame of a stream, ``.../tf/REFERENCE``."""
+_OTHER_PICTURES = re.compile(r"(Image|Video|Packet|PointCloud|CustomMsg)$")
+"""Types of pictures and clouds that are not read, such as video, and those of other viewers."""
+_SEVERAL = 20
+"""Descriptions of a topic that may show more than one camera."""
 _SCALED_BY = 20
 """Pictures of a topic that say how many of 16 bits its colours use."""
 _UNIT = "/option/Depth_Units/value"
@@ -88,17 +97,19 @@ def views_of(
     """
     with _reading(path) as reader:
         images = [each for each in reader.connections if each.msgtype in _TYPES]
+        _say_others(reader, has_views=bool(images), warn=warn)
         if not images:
             return  # none would mean all to the reader
         plan = plan_topics([_topic(reader, connection) for connection in images])
-        pairing = Pairing(plan, warn, _mounting(reader))
+        start_s = (reader.start_time + int(from_s * 1e9)) * 1e-9
+        pairing = Pairing(plan, warn, _mounting(reader), from_s=start_s)
         _read_cameras(reader, pairing)
         _read_colours(reader, pairing)
-        start = reader.start_time + int(from_s * 1e9)
+        _read_clocks(reader, images, pairing)
         for connection, time_ns, raw in reader.messages(connections=images):
             message = message_mapping(reader.deserialize(raw, connection.msgtype))
-            views = pairing.take(connection.topic, connection.msgtype, message, time_ns * 1e-9)
-            yield from (seen for seen in views if time_ns >= start)
+            time_s = time_ns * 1e-9
+            yield from pairing.take(connection.topic, connection.msgtype, message, time_s)
         yield from pairing.finish()
 
 
@@ -191,9 +202,32 @@ def _topic(reader: Any, connection: Any) -> Topic:
     return Topic(connection.topic, connection.msgtype, encoding, frame_id)
 
 
+def _say_others(reader: Any, *, has_views: bool, warn: Callable[[str], None]) -> None:
+    """Say which pictures and clouds are of types that are not read; where nothing is, all types."""
+    types = sorted({each.msgtype for each in reader.connections})
+    if not has_views and types:
+        warn(f"it holds {', '.join(types[:10])}{' and others' if types[10:] else ''}")
+    for connection in reader.connections:
+        kind = connection.msgtype
+        if kind not in _TYPES and _OTHER_PICTURES.search(kind):
+            warn(f"{connection.topic}: left out: {kind} is not read")
+
+
 def _mounting(reader: Any) -> Mounting:
     """Return the static transforms of a recording."""
     mounting = Mounting()
+    for connection in reader.connections:
+        # Streams of one device share a reference, and the frames of their images say nothing.
+        if connection.msgtype == _TRANSFORM and sensor_of(connection.topic):
+            stream = name_space(connection.topic)
+            device = "/".join(stream.split("/")[:2])
+            for _, _, raw in islice(reader.messages(connections=[connection]), 1):
+                pose = reader.deserialize(raw, connection.msgtype)
+                at, turn = pose.translation, pose.rotation
+                mounting.add(
+                    stream, f"{device}#{connection.topic.rpartition('/')[2]}",
+                    (at.x, at.y, at.z), (turn.x, turn.y, turn.z, turn.w),
+                )  # fmt: skip
     static = [
         each for each in reader.connections
         if each.msgtype in _TF_TYPES and each.topic.rstrip("/").endswith("tf_static")
@@ -205,16 +239,30 @@ def _mounting(reader: Any) -> Mounting:
 
 
 def _read_cameras(reader: Any, pairing: Pairing) -> None:
-    """Read each camera's first description, since images may be recorded before it comes."""
+    """Read each camera's first descriptions, since images may be recorded before they come."""
     for connection in reader.connections:
-        is_unit = connection.topic.endswith(_UNIT)
-        if not is_unit and not connection.msgtype.endswith("CameraInfo"):
-            continue
-        message = _first_message(reader, connection)
-        if is_unit and message:
-            pairing.units_m[sensor_of(connection.topic)] = float(message["data"])
-        elif message:
-            pairing.add_camera(connection.topic, message)
+        if connection.topic.endswith(_UNIT):
+            unit_m = float(_first_message(reader, connection).get("data", 0.0))
+            if 1e-6 <= unit_m <= 1:
+                pairing.units_m[sensor_of(connection.topic)] = unit_m
+            else:
+                pairing.warn(f"{connection.topic}: {unit_m:g} m is no step of depth: taken 1 mm")
+        elif connection.msgtype.endswith("CameraInfo"):
+            for _, _, raw in islice(reader.messages(connections=[connection]), _SEVERAL):
+                message = message_mapping(reader.deserialize(raw, connection.msgtype))
+                pairing.cameras.add(connection.topic, message)
+
+
+def _read_clocks(reader: Any, images: list[Any], pairing: Pairing) -> None:
+    """Read how long after its stamps each topic was recorded, where its stamps tell time."""
+    for connection in images:
+        times = []
+        for _, time_ns, raw in islice(reader.messages(connections=[connection]), 2):
+            message = message_mapping(reader.deserialize(raw, connection.msgtype))
+            times.append((stamp_of(message), time_ns * 1e-9))
+        # One stamp for all, or none, tells nothing; neither does a topic of one message.
+        if len(times) == 2 and 0 < times[0][0] < times[1][0]:
+            pairing.lags_s[connection.topic] = times[0][1] - times[0][0]
 
 
 def _read_colours(reader: Any, pairing: Pairing) -> None:

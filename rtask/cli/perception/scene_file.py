@@ -314,7 +314,8 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
     depth_m = depth_of_steps(depth, view.depth_unit_m, lambda text: _say_doubt(file, text))
     # Who names the unit knows it.
     is_usual = view.depth_unit_m == View().depth_unit_m
-    _say_doubt(file, implausible_depth(depth_m) or (doubtful_steps(depth) if is_usual else ""))
+    doubt = doubtful_steps(depth) if is_usual else ""
+    _say_doubt(file, implausible_depth(depth_m) or (doubt and f"{doubt} --depth-unit says it"))
     seen = _with_colour(depth_m, view, read_cameras(depth.shape, view), limits)
     _say_doubt(file, doubtful_rays(seen.depth_m, seen.intrinsics))
     return seen

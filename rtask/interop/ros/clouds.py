@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import logging
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from features.codec.limits import Limits
 from features.codec.ros import image_bytes, pcd_from_point_cloud
 from features.geometry import Frame
 from features.imaging.camera import frame_of_grid, lens_from_message
+from features.imaging.doubts import doubtful_bytes, doubtful_camera
 from features.imaging.photo import read_photo
 from features.imaging.pictures import depth_of_message, view_of_images
 from rtask.errors import DataError, UsageError
@@ -26,6 +29,8 @@ __all__ = [
     "frame_of_images",
     "packed_cloud",
 ]
+
+log = logging.getLogger(__name__)
 
 _FLOAT32 = 7
 _MAX_BYTES = 256 * 2**20
@@ -88,10 +93,19 @@ def frame_of_images(
                 "32FC1 (m)"
             )
         lens = lens_from_message(info, is_rectified)
+        for doubt in (doubtful_bytes(depth), doubtful_camera(lens.intrinsics)):
+            _warn_once(str(where), doubt)
         photo = read_photo(image_bytes(colour))
         return view_of_images(pixels, lens, photo.rgb)
     except (ValueError, KeyError) as error:
         raise DataError(f"depth and colour in {where}: {error}") from error
+
+
+@lru_cache(128)
+def _warn_once(where: str, doubt: str) -> None:
+    """Log a doubt about a camera once: it would come with each of its views."""
+    if doubt:
+        log.warning("the camera in %s: %s", where, doubt)
 
 
 def packed_cloud(cloud: Any, path: str) -> str:

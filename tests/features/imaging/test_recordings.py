@@ -285,7 +285,8 @@ def two_places(tmp_path: Path, *, is_told: bool) -> tuple[Any, list[str]]:
     picture = np.zeros((HEIGHT, WIDTH, 3), "u1")
     picture[:, 24:27] = (200, 0, 0)
     drive.image("/camera/color/image_raw", 1006, "rgb8", picture)
-    frames(drive, "/camera/color/image_raw", "colour_optical")
+    for topic in ("/camera/color/image_raw", "/camera/color/camera_info"):
+        frames(drive, topic, "colour_optical")
     if is_told:
         static_transform(drive, "optical", "colour_optical", 0.07)
     return seen(drive, tmp_path)

@@ -82,7 +82,7 @@ def test_a_number_that_noise_does_not_explain_is_doubted_at_any_depth() -> None:
 @pytest.mark.parametrize("by", [5, 8, 10])
 def test_steps_that_are_all_multiples_of_one_number_are_doubted(by: int) -> None:
     steps = np.rint(depth_of_table() * 1000).astype(np.uint16) * np.uint16(by)
-    assert f"--depth-unit {0.001 / by:.4g}?" in doubtful_steps(steps)
+    assert f", {0.001 / by:.4g} m?" in doubtful_steps(steps)
     assert not doubtful_steps(steps // by)
 
 
