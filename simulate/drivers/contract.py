@@ -183,6 +183,16 @@ def check_positions(values: Floats, joints: Sequence[str], limits: JointLimits |
     if not outside.any():
         return
     k = int(np.flatnonzero(outside)[0])
+    turned = np.sign(values) * (np.abs(values) - 2 * np.pi)
+    # Of such a joint the reader of models makes one of a full turn.
+    is_endless = limits.upper - limits.lower >= 2 * np.pi - _NOISE_RAD
+    is_wound = outside & is_endless & (np.abs(turned) <= np.pi + margin)
+    if (is_wound == outside).all():
+        # Planned within a turn, such a joint may come back the long way.
+        raise RobotError(
+            f"{joints[k]} is {values[k]:.2f} rad, a whole turn off: it has no ends, and was wound "
+            f"up; turn it back to {limits.lower[k]:.2f} to {limits.upper[k]:.2f} by hand"
+        )
     radians = np.deg2rad(values)
     # No arm stands beyond a full turn unless it counts in degrees.
     if (
@@ -244,7 +254,7 @@ def settled_joints(
     if before is not None:
         raise RobotError(
             f"the joint states of {wait_s:g} s are fewer than two {REST_S:g} s apart, or their "
-            "time stands still; check that the driver publishes"
+            "time stands still, or goes back; check that one driver alone publishes them"
         )
     raise RemoteUnavailableError(f"no state of {', '.join(joints)} came within {wait_s:g} s")
 

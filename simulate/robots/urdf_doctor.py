@@ -20,6 +20,8 @@ __all__ = [
     "Oversized",
     "doubtful_limits",
     "doubtful_masses",
+    "doubtful_motions",
+    "doubtful_places",
     "doubtful_turns",
     "lost_sources",
     "oversized",
@@ -33,6 +35,12 @@ _ENDLESS_RAD = 1000.0
 _TURNED_RAD = 2 * math.pi + 0.01
 _TIMES_WATER, _HEAVY_KG = 100.0, 1.0
 """The densest metal is 23 times as heavy as water; simplified shapes are smaller than the links."""
+_FASTEST_RAD_S, _ENDLESS_RAD_S = 60.0, (100.0, 1000.0)
+"""Legs turn at 52 rad/s, arms slower; from 100 on, whole powers of ten mean that nobody knows."""
+_LONGEST_SLIDE_M = 10.0
+_TIMES_AWAY, _TIMES_SIZE = 2.0, 3.0
+"""So many times the reach from its joint, a shape or a centre of mass is in another unit, and so
+many times as large a moving link: in centimetres."""
 _TIMES_REACH = 20.0
 _LARGE_M = 1.0
 _LONGEST_M = 30.0
@@ -89,6 +97,78 @@ def doubtful_turns(joints: Iterable[Joint]) -> Iterator[str]:
         if max(map(abs, joint.pose.rpy)) > _TURNED_RAD:
             shown = " ".join(f"{angle:g}" for angle in joint.pose.rpy)
             yield f"joint {joint.name!r} has the rpy {shown} rad: degrees?; taken as it stands"
+
+
+def doubtful_motions(joints: Sequence[Joint]) -> Iterator[str]:
+    """Yield a sentence for each joint that cannot move, or is said to move as no joint does."""
+    by_name = {joint.name: joint for joint in joints}
+    for joint in joints:
+        if joint.kind == "fixed":
+            continue
+        where = f"joint {joint.name!r}"
+        if joint.lower == joint.upper:
+            yield f"{where} has the limits {joint.lower:g} .. {joint.upper:g}: it cannot move"
+        elif joint.kind == "prismatic" and joint.upper - joint.lower > _LONGEST_SLIDE_M:
+            yield (
+                f"{where} slides from {joint.lower:g} to {joint.upper:g} m: millimetres?; taken as "
+                "it stands"
+            )
+        is_known = _FASTEST_RAD_S < joint.velocity < max(_ENDLESS_RAD_S)
+        if joint.kind == "revolute" and is_known and joint.velocity not in _ENDLESS_RAD_S:
+            yield (
+                f"{where} turns at {joint.velocity:g} rad/s: degrees? (that would be "
+                f"{math.radians(joint.velocity):.3g}); taken as it stands"
+            )
+        if joint.mimic is not None:
+            yield from _doubtful_following(joint, by_name.get(joint.mimic[0]))
+
+
+def _doubtful_following(joint: Joint, source: Joint | None) -> Iterator[str]:
+    assert joint.mimic is not None
+    where, factor = f"joint {joint.name!r}", joint.mimic[1]
+    if factor == 0:
+        yield f"{where} follows {joint.mimic[0]!r} by a multiplier of 0: it stands still"
+    if joint.kind == "revolute" and abs(joint.mimic_offset) > _TURNED_RAD:
+        yield f"{where} follows with an offset of {joint.mimic_offset:g} rad: degrees?"
+    span = joint.upper - joint.lower
+    if source is not None and 0 < _TIMES_REACH * span < abs(factor) * (source.upper - source.lower):
+        yield (
+            f"{where} follows {source.name!r} by a multiplier of {factor:g}, which leads far out "
+            f"of its limits {joint.lower:g} .. {joint.upper:g}: another unit?"
+        )
+
+
+def doubtful_places(links: Iterable[Link], joints: Sequence[Joint]) -> Iterator[str]:
+    """Yield a sentence for each link whose shape or mass lies as if in another unit."""
+    links = list(links)
+    reach = _reach(links, joints)
+    if reach <= 0:
+        return
+    far = max(_TIMES_AWAY * reach, _LARGE_M)
+    moved = {joint.child for joint in joints if joint.kind != "fixed"}
+    for link in links:
+        away = max((float(np.linalg.norm(shape.pose.xyz)) for shape in link.shapes), default=0.0)
+        if away > far:
+            yield (
+                f"link {link.name!r} has its shape {away:.3g} m beside it, on a robot that spans "
+                f"{reach:.2g} m: another unit?; taken as it stands"
+            )
+        off = float(np.linalg.norm(link.inertial.centre))
+        if link.inertial.mass > 0 and off > far:
+            yield (
+                f"link {link.name!r} has its centre of mass {off:.3g} m beside it, on a robot that "
+                f"spans {reach:.2g} m: another unit?; taken as it stands"
+            )
+        if any(max(map(abs, shape.pose.rpy)) > _TURNED_RAD for shape in link.shapes):
+            yield f"link {link.name!r} has a shape turned by more than a turn: degrees?"
+        size = max((_longest_side(shape) for shape in link.shapes), default=0.0)
+        if link.name in moved and max(_TIMES_SIZE * reach, _LARGE_M) < size <= max(
+            _TIMES_REACH * reach, _LARGE_M
+        ):
+            yield (
+                f"link {link.name!r} is {size:.3g} m large on a robot that spans {reach:.2g} m: "
+                "centimetres?; taken as it stands"
+            )
 
 
 def doubtful_masses(links: Iterable[Link]) -> Iterator[str]:

@@ -26,6 +26,8 @@ from simulate.robots.mesh_files import find_mesh
 from simulate.robots.urdf_doctor import (
     doubtful_limits,
     doubtful_masses,
+    doubtful_motions,
+    doubtful_places,
     doubtful_turns,
     lost_sources,
 )
@@ -49,6 +51,7 @@ _PREFIX = re.compile(rb"(</?|\s)([A-Za-z]\w*):(?=[\w.-]+[\s=/>])")
 _NOT_XML = (ET.ParseError, LookupError, ValueError)
 """The last two of an encoding that does not exist, or that the parser cannot read."""
 _SPEED = 1.0
+_UNIT_AXIS = 0.01
 _SLIDE_M = 0.1
 """Largest limit of a frozen joint that is taken for a slide's."""
 """rad/s or m/s, of a joint that states none."""
@@ -162,9 +165,14 @@ class _Reader:
             raise RobotError(f"{self._path}: expected one root link, found {named}")
         joints = self._with_sources(joints)
         self._warnings += [
-            *doubtful_limits(joints), *doubtful_turns(joints), *doubtful_masses(links.values())
+            *doubtful_limits(joints), *doubtful_turns(joints), *doubtful_masses(links.values()),
+            *doubtful_motions(joints),
         ]  # fmt: skip
         ordered = tuple(from_the_root(self._path, roots[0], joints))
+        self._warnings += doubtful_places(links.values(), ordered)
+        for other in tree.iter("robot"):
+            if other is not tree:
+                self._warnings.append(f"<robot name={other.get('name')!r}> inside: left out")
         name = tree.get("name", self._path.stem)
         return ReadRobot(name, roots[0], tuple(links.values()), ordered, tuple(self._warnings))
 
@@ -354,8 +362,16 @@ class _Reader:
         if not any(joint.axis):
             self._gap(where, "moves about the axis 0 0 0", "held still")
             return replace(joint, axis=(0.0, 0.0, 1.0), kind="fixed")
+        joint = replace(joint, axis=self._unit_axis(where, joint.axis))
         limited = self._limited(where, joint, element.find("limit"), stated == "continuous")
         return self._following(where, limited, element.find("mimic"))
+
+    def _unit_axis(self, where: str, axis: Vector) -> Vector:
+        """Return an axis of length 1, as URDF asks for: along a longer one a slide goes farther."""
+        length = math.hypot(*axis)
+        if abs(length - 1) > _UNIT_AXIS:
+            self._warnings.append(f"{where} has an axis of length {length:.3g}; taken as 1")
+        return (axis[0] / length, axis[1] / length, axis[2] / length)
 
     def _thawed(self, where: str, element: ET.Element, stated: str) -> str:
         """Return the type of a joint: that of the one it follows, where it was frozen.

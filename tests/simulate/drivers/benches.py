@@ -49,6 +49,9 @@ _ENDS = {
     "success, but it stayed": lambda ok: {"status": ok, "stays": True},
     "success, but it stopped short": lambda ok: {"status": ok, "freezes": 0.06},
     "the end of another's goal": lambda ok: {"status": ok, "of": "theirs"},
+    "success twice": lambda ok: {"status": ok, "times": 2},
+    "success at once": lambda ok: {"status": ok, "at once": True},
+    "feedback and no end": lambda ok: "feedback",
     "no end": lambda ok: "silent",
     "no end, and states that stop": lambda ok: "states stop",
 }
@@ -66,7 +69,7 @@ class Patience:
     @classmethod
     def of(cls, end):
         match end:
-            case "no end" | "the end of another's goal":
+            case "no end" | "feedback and no end" | "the end of another's goal":
                 return cls(spare_s=_IN_VAIN_S)
             case "no end, and states that stop":
                 return cls(silent_s=_IN_VAIN_S, stopped_s=_IN_VAIN_S)

@@ -85,6 +85,10 @@ class HostileArm:
         return {"clock": self.clock, "last_moved": self.last_moved, "at": self.at.tolist(),
                 "goals": len(self.goals), "moves": self.motion is not None}  # fmt: skip
 
+    def tick(self):
+        self.ticks += 1
+        return self.ticks
+
     def joint_state(self):
         seconds, nanoseconds = divmod(time.time_ns() - 3_600_000_000_000 * (self.state == "old"),
                                       1_000_000_000)  # fmt: skip
@@ -128,6 +132,17 @@ class HostileArm:
                 at[0] = 3.4
             case "in another order":
                 names.reverse()
+            case "an old copy between" if self.tick() % 2:
+                stamp["sec"] -= 30
+                at = [0.0, 0.0]
+            case "another publisher between" if self.tick() % 2:
+                at = [0.0, 0.0]
+            case "in changing order" if self.tick() % 2:
+                names, at = names[::-1], at[::-1]
+            case "time goes back":
+                base = self.__dict__.setdefault("base", time.time_ns())
+                now = base - self.tick() * 10**6
+                stamp = {"sec": now // 10**9, "nanosec": now % 10**9}
             case "incomplete":
                 names, at, velocity = names[:1], at[:1], velocity[:1]
             case "uneven":

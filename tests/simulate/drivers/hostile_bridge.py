@@ -58,7 +58,9 @@ class HostileBridge(HostileArm):
                 if goal is not None and self.begin(socket, *goal):
                     return
                 while self.over:
-                    socket.send(json.dumps(self.result(self.over.pop())))
+                    self.tell_end(socket, self.over.pop())
+                if self.end == "feedback" and self.goals:
+                    socket.send(json.dumps(self.feedback(self.goals[-1])))
         except ConnectionClosed:
             return
 
@@ -80,6 +82,10 @@ class HostileBridge(HostileArm):
 
     def begin(self, socket, goal, points):
         """Carry out a goal; return whether the link is lost over it."""
+        if not isinstance(self.end, str) and "at once" in self.end:
+            self.take(goal, points)
+            socket.send(json.dumps(self.result(goal)))
+            return False
         if self.take(goal, points):
             for at in self.end.get("passes", []):
                 state = {**self.joint_state(), "position": at}
@@ -87,6 +93,21 @@ class HostileBridge(HostileArm):
                 time.sleep(0.002)  # a later stamp
             socket.send(json.dumps(self.result(self.end.get("of", goal))))
         return self.end == "lost"
+
+    def tell_end(self, socket, goal):
+        if "at once" not in self.end:
+            for _ in range(self.end.get("times", 1)):
+                socket.send(json.dumps(self.result(goal)))
+
+    def feedback(self, goal):
+        """Return how far a goal is, with all the words that its end has."""
+        values = {"error_code": 0, "error_string": "", "desired": {"positions": self.at.tolist()}}
+        if self.ros == 1:
+            status = {"goal_id": {"id": goal}, "status": 3, "text": "so it is"}
+            topic = {"op": "publish", "topic": f"{ACTION}/feedback"}
+            return {**topic, "msg": {"status": status, "feedback": values}}
+        return {"op": "action_feedback", "id": goal, "action": ACTION, "values": values,
+                "status": 4, "result": True}  # fmt: skip
 
     def result(self, goal):
         values = {"error_code": self.end.get("code", 0), "error_string": ""}

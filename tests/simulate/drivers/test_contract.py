@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.drivers.contract import check_ending, settled_joints
+from simulate.drivers.contract import (
+    JointLimits,
+    check_ending,
+    check_positions,
+    settled_joints,
+)
 from simulate.drivers.rosbridge import RosbridgeArm
 from simulate.motion.trajectory import join, reverse, time_path
 from tests.processes import EVER_LONGER_S, wait_until
@@ -233,3 +238,12 @@ def test_a_flood_of_states_of_a_moving_arm_does_not_hold_one_up(bridge):
 
     with pytest.raises(RobotError, match="is moving"):
         settled_joints(endless, JOINTS, None, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("end", "says"), [(np.pi, "a whole turn off: .* wound up"), (3.0, "outside its limits")]
+)
+def test_a_joint_without_ends_that_was_wound_up_is_told_from_one_beyond_its_end(end, says):
+    limits = JointLimits(np.full(2, -end), np.full(2, end))
+    with pytest.raises(RobotError, match=says):
+        check_positions(np.array([0.3, 4.0]), JOINTS, limits)

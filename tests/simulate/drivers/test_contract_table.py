@@ -16,6 +16,7 @@ from tests.rtask.interop.ros.conftest import roscore  # noqa: F401  (a fixture)
 from tests.simulate.drivers.benches import (
     BRIDGES,
     DRIVERS,
+    GOAL,
     NAOQI,
     ROS1,
     ROS2,
@@ -34,6 +35,9 @@ STATES = {
     "NaN": (_ALL, "is not a finite number; check its encoder"),
     "degrees": (_ALL, "looks like degrees; .* radians"),
     "outside": (_ALL, "outside its limits .*; move the arm back"),
+    "an old copy between": (_TIMED, r"\d s old; restart the driver"),
+    "another publisher between": (_TIMED, "is moving; stop what moves the arm"),
+    "time goes back": (_TIMED, "time stands still, or goes back"),
     "in another order": (_TIMED, "another order of the joints: check that the driver's names"),
     "incomplete": (_TIMED, "the joint states lack elbow; start the broadcaster"),
     "twice the same joint": (_TIMED, "names 1 joints and has 2 positions"),
@@ -50,6 +54,7 @@ ENDS = {
     "success, but it stayed": (_ALL, r"ended 0\.\d+ rad from its goal, although"),
     "success, but it stopped short": (_TIMED, r"ended 0\.06 rad"),
     "the end of another's goal": (_TIMED - {ROS2}, "did not end within"),
+    "feedback and no end": (frozenset(BRIDGES), "did not end within"),
     "no end": (_ALL, "did not end within|angleInterpolation"),
     "no end, and states that stop": (_TIMED, "no new joint state came"),
 }
@@ -104,6 +109,30 @@ def test_an_arm_that_arrives_has_succeeded_and_each_goal_has_an_id_of_its_own(be
     assert bench.cancelled() == []
     [said] = bench.said()
     assert "the arm stops within" in said
+
+
+@pytest.mark.parametrize("driver", [driver for driver in DRIVERS if driver in _TIMED])
+def test_joints_that_change_their_order_are_read_by_their_names(benches, driver):
+    bench = benches(driver)
+    bench.arrange(state="in changing order")
+    assert bench.follow() == ""
+
+
+@pytest.mark.parametrize("driver", BRIDGES)
+def test_a_goal_that_ends_twice_does_not_end_the_next_one(benches, driver):
+    bench = benches(driver)
+    bench.arrange(end="success twice", is_timed=True)
+    assert bench.follow(pieces=3) == ""
+    assert len(set(bench.goals())) == 3
+    assert bench.cancelled() == []
+
+
+@pytest.mark.parametrize("driver", BRIDGES)
+def test_success_that_is_told_before_the_arm_is_there_counts_once_it_is(benches, driver):
+    bench = benches(driver)
+    bench.arrange(end="success at once", is_timed=True)
+    assert bench.follow() == ""
+    assert bench.report()["at"] == pytest.approx(GOAL, abs=0.05)
 
 
 @pytest.mark.parametrize("driver", DRIVERS)

@@ -250,3 +250,50 @@ def test_a_fixed_joint_without_a_range_stays_fixed(tmp_path):
     first, fixed = path.read_text().split('name="to_fore" type="revolute"')
     path.write_text(f'{first}name="to_fore" type="fixed"{fixed}')
     assert {j.name: j.kind for j in read_urdf(path).joints}["to_fore"] == "fixed"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "says"),
+    [
+        ('lower="-1" upper="1"', 'lower="0" upper="0"', "0 .. 0: it cannot move"),
+        ('velocity="2"', 'velocity="180"', "180 rad/s: degrees? (that would be 3.14)"),
+        ("<inertial>", '<inertial><origin xyz="120 0 0"/>', "centre of mass 120 m beside it"),
+        ("<collision>", '<collision><origin xyz="0 0 150"/>', "its shape 150 m beside it"),
+        ("<collision>", '<collision><origin rpy="0 90 0"/>', "turned by more than a turn"),
+        (".04 .04 .04", "4 4 4", "4 m large on a robot that spans 0.6 m: centimetres?"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="0 2 0"/>', "an axis of length 2; taken as 1"),
+        ("</robot>", '<robot name="other"/></robot>', "<robot name='other'> inside: left out"),
+    ],
+)
+def test_what_cannot_be_meant_is_read_as_it_stands_and_said(tmp_path, before, after, says):
+    path = arm(tmp_path, box(".04 .04 .04"))
+    assert not read_urdf(path).warnings
+    path.write_text(path.read_text().replace(before, after))
+    assert any(says in warning for warning in read_urdf(path).warnings)
+
+
+@pytest.mark.parametrize(
+    ("mimic", "says"),
+    [
+        ('multiplier="0"', "by a multiplier of 0: it stands still"),
+        ('multiplier="1" offset="90"', "an offset of 90 rad: degrees?"),
+        ('multiplier="57.3"', "leads far out of its limits -1 .. 1"),
+    ],
+)
+def test_a_follower_that_follows_as_none_can_is_said(tmp_path, mimic, says):
+    path = arm(tmp_path, rest=f'<mimic joint="to_upper" {mimic}/>')
+    assert any(says in warning for warning in read_urdf(path).warnings)
+
+
+def test_a_slide_along_a_longer_axis_goes_as_far_as_it_says(tmp_path):
+    path = arm(tmp_path)
+    text = path.read_text().replace('type="revolute"', 'type="prismatic"')
+    path.write_text(text.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 2 0"/>'))
+    assert {joint.axis for joint in read_urdf(path).joints} == {(0.0, 1.0, 0.0)}
+
+
+def test_a_slide_in_millimetres_is_said(tmp_path):
+    path = arm(tmp_path, limit=(0, 40))
+    path.write_text(path.read_text().replace('type="revolute"', 'type="prismatic"'))
+    warnings = read_urdf(path).warnings
+    assert any("slides from 0 to 40 m: millimetres?" in warning for warning in warnings)
