@@ -338,8 +338,9 @@ def _out_of_scope(
 ) -> str:
     """Return why the nearest question is not the one that is asked, or nothing."""
     asked, phrases = reading.asked, matcher().phrases(question)
+    roles = {role for item in asked.roles for role in item}
     first, second = nearest[0].likeness, nearest[1].likeness
-    why = unanswerable(text, asked.words, asked.names, reading.ignored, phrases, first)
+    why = unanswerable(text, asked.words, asked.names, reading.ignored, phrases, first, roles)
     return why or (_FAR if first < ASKED and first - second < APART else "")
 
 

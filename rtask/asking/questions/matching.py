@@ -120,9 +120,9 @@ class Matcher:
             return near[0] if near else word
         if len(word) < 5 or word in self.vocabulary or has_synonyms(word) or word in STOP:
             return word
-        near = difflib.get_close_matches(
-            word, [w for w in self.vocabulary if len(w) > 3], n=1, cutoff=_SIMILAR_SPELLING
-        )
+        # Slips keep the first letter, and "glass" is no "class".
+        known = [w for w in self.vocabulary if len(w) > 3 and w[0] == word[0]]
+        near = difflib.get_close_matches(word, known, n=1, cutoff=_SIMILAR_SPELLING)
         return near[0] if near else word
 
     def is_familiar(self, word: str) -> bool:

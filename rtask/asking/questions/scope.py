@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Sequence, Set
 
 from rtask.asking.questions.catalogue import Phrase
+from rtask.asking.questions.forms import other_form
 from rtask.asking.questions.words import STOP, concept, raw_words, stem
 
 __all__ = ["command", "superlatives", "unanswerable"]
@@ -61,7 +62,7 @@ _ACTS = _words(
     "bring clean close deliver drive drop fetch go grab grasp hand hold lift move open pass pick "
     "place pull push put release remove delete stop take teach throw turn carry"
 )
-_ONLY_ACTS = _words("bring deliver fetch grab put remove delete throw carry take teach")
+_ONLY_ACTS = _words("bring deliver fetch grab put remove delete throw carry take teach stop")
 """Of these, those that are no nouns and no adjectives, either."""
 _DIRECTED = _words("the a an this that these those my your me us him her it all")
 _LACKING = _concepts("lack lacking")
@@ -72,13 +73,18 @@ _ASKS = re.compile(
 )
 _IS_SO = re.compile(r"^(?:is|are|was|does|do|did|has)\b(?! (?:there|we|you|i|any)\b)", re.I)
 _POINTS = re.compile(r"\b(?:this|that|it)\W*$", re.I)
-MAX_SHORT = 7
-"""Words of a question that has hardly room for what could be left out."""
+MAX_SHORT, MAX_MIDDLING = 7, 9
+"""Words of a question that has hardly room for what could be left out, and of one with little."""
 MAX_POINTING = 5
 """Words of a question that has no room for what "it" refers to."""
-UNSURE = 0.5
-"""Likeness below which each word of a short question has to be one of the nearest question's."""
-_LOOSE = _concepts("think see lie around find lab here guy currently please all")
+UNSURE, DOUBTFUL = 0.7, 0.5
+"""Likeness below which each word of a short question has to be one of the nearest question's, and
+below which each of a middling one has to."""
+_LOOSE = _concepts(
+    "see lie around find lab here guy currently please all right always typical true everybody "
+    "everyone once behind together finally even whether per usually so far please today earlier "
+    "this whose well too top good bad think exist enough kind much"
+)
 _NO_TOPIC = _words("can will may go come make be do have happen")
 
 
@@ -110,7 +116,7 @@ def superlatives(text: str, question: str) -> list[str]:
 
 def unanswerable(
     text: str, words: Sequence[str], names: Iterable[str], strange: Iterable[str],
-    phrases: Sequence[Phrase], likeness: float,
+    phrases: Sequence[Phrase], likeness: float, roles: Set[str] = frozenset(),
 ) -> str:  # fmt: skip
     """Return why a question is not the one that is nearest, or nothing.
 
@@ -128,6 +134,8 @@ def unanswerable(
         The nearest question in its phrasings.
     likeness
         Of the question to these.
+    roles
+        Roles that the things named can fill.
     """
     if _POINTS.search(text) and len(raw_words(text)) <= MAX_POINTING and not names:
         return "What is meant by the last word is not said: a name says it."
@@ -154,6 +162,8 @@ def unanswerable(
         return f"None of the questions is about {strange[0]!r}."
     if "@use" in words and _IS_SO.match(text.strip()):
         return "Whether something is so is not what the nearest question asks."
+    if why := other_form(text, phrases, roles):
+        return why
     if topic := _other_topic(text, content, own, strange):
         return f"The nearest question is not about {topic!r}."
     if left := _left_out(text, content, own, likeness):
@@ -168,12 +178,15 @@ def _left_out(text: str, content: Sequence[str], own: set[str], likeness: float)
     long question says in many words what a phrasing says in few.
     """
     words = raw_words(text)
-    if len(words) > MAX_SHORT or "," in text or not _ASKS.match(text.strip()):
+    if len(words) > MAX_MIDDLING or "," in text or not _ASKS.match(text.strip()):
         return ""
-    if likeness >= UNSURE or words[:2] == ["how", "many"]:
+    if likeness >= (UNSURE if len(words) <= MAX_SHORT else DOUBTFUL):
+        return ""
+    if words[:2] == ["how", "many"] and len(words) <= MAX_SHORT:
         return ""  # whether it can be counted is told elsewhere
-    left = {word for word in content if concept(word) not in own | _LOOSE | _VAGUE | _NO_TOPIC}
-    return next((word for word in words if stem(word) in left), "")
+    left = [word for word in content if concept(word) not in own | _LOOSE | _VAGUE | _NO_TOPIC]
+    written = {stem(word): word for word in words}
+    return next((written.get(word, word) for word in left), "")
 
 
 def _denied_alone(text: str, names: Set[str], phrases: Sequence[Phrase]) -> str:
