@@ -30,23 +30,26 @@ from rtask.asking.questions.filling import (
     individual,
     unused_mentions,
 )
-from rtask.asking.questions.matching import APART, ASKED, NEAR, Asked, Match, matcher
+from rtask.asking.questions.matching import APART, ASKED, NEAR, Match, matcher
 from rtask.asking.questions.mentions import (
     MAX_MENTIONS,
-    Mention,
     Select,
-    find_by_part,
-    find_mentions,
-    tokens_of,
-    with_called,
 )
 from rtask.asking.questions.missing import missing_name, missing_number, not_named
-from rtask.asking.questions.periods import Period, find_period
+from rtask.asking.questions.periods import find_period
+from rtask.asking.questions.reading import Reading, read
 from rtask.asking.questions.scope import command, superlatives, unanswerable
 from rtask.asking.questions.sentences import MAX_CLAUSES, called_only, names_of, sentence
-from rtask.asking.questions.totals import BY_KIND, TOTAL, counted_in, total
+from rtask.asking.questions.totals import (
+    BY_KIND,
+    TOTAL,
+    Part,
+    counted_in,
+    counts_attempts,
+    total,
+)
 from rtask.asking.questions.why import why_of
-from rtask.asking.questions.words import split_name, stem, uncontracted
+from rtask.asking.questions.words import split_name
 from rtask.errors import UsageError
 from rtask.rdf.terms import Term, python_value
 from rtask.sparql.results import Solutions
@@ -170,17 +173,6 @@ class Answer:
         }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Reading:
-    """The words of a question, and what they name."""
-
-    tokens: tuple[str, ...]
-    mentions: tuple[Mention, ...]
-    period: Period | None
-    asked: Asked
-    ignored: tuple[str, ...]
-
-
 def answer(
     kb: Selectable,
     text: str,
@@ -231,13 +223,15 @@ def answer(
             run, past_states(kb, TIMEOUT_S), text, find_period(text, now), now
         )
         return _changes(text, changed)
-    reading = _read(run, text, str(getattr(kb, "base", "")), now)
+    reading = read(run, text, str(getattr(kb, "base", "")), now)
     if (counted := counted_in(text)) is not None:
         return _total(run, text, counted, reading)
+    if counts_attempts(text) and (part := _part_named(reading)) is not None:
+        return _total_of(run, text, part, reading)
     return _answer(run, text, reading, str(getattr(kb, "base", "")))
 
 
-def _total(run: Select, text: str, noun: str, reading: _Reading) -> Answer:
+def _total(run: Select, text: str, noun: str, reading: Reading) -> Answer:
     """Return the answer to how many things of a sort there are, with their kinds if any counts."""
     whole = total(run, noun)
     matches = matcher().matches(reading.asked)
@@ -252,7 +246,43 @@ def _total(run: Select, text: str, noun: str, reading: _Reading) -> Answer:
     )  # fmt: skip
 
 
-def _answer(run: Select, text: str, reading: _Reading, base: str) -> Answer:
+def _part_named(reading: Reading) -> Part | None:
+    """Return the things and robots whose attempts are counted; None if none or others are named."""
+    if reading.ignored or reading.period is not None:
+        return None
+    if missing_number(reading.tokens, reading.mentions):
+        return None
+    named = {role: [item for item in reading.mentions if item.role == role]
+             for role in ("object", "robot", "kind")}  # fmt: skip
+    if named["object"]:
+        named["kind"] = []  # "the box" is any box only where no single one is meant
+    if not any(named.values()):
+        return None
+    places = {(item.start, item.end) for items in named.values() for item in items}
+    if {(item.start, item.end) for item in reading.mentions} - places:
+        return None
+    words = [f"{'by' if role == 'robot' else 'at'} {item.text}"
+             for role, items in named.items() for item in items]  # fmt: skip
+    terms = {role: tuple(dict.fromkeys(str(term) for item in items for term in item.terms))
+             for role, items in named.items()}  # fmt: skip
+    return Part(terms["object"], terms["robot"], terms["kind"], " ".join(words))
+
+
+def _total_of(run: Select, text: str, part: Part, reading: Reading) -> Answer:
+    """Return the answer to how many attempts there were at a thing or by a robot."""
+    whole = total(run, "attempts", part)
+    filled = {
+        item.role: (item.text, tuple(map(str, item.terms)))
+        for item in reading.mentions
+        if set(map(str, item.terms)) & {*part.objects, *part.robots, *part.kinds}
+    }
+    return Answer(
+        text, TOTAL, whole.understood, filled, (), whole.sparql, whole.rows, {}, whole.sentence,
+        _nearest(matcher().matches(reading.asked)), count=whole.count,
+    )  # fmt: skip
+
+
+def _answer(run: Select, text: str, reading: Reading, base: str) -> Answer:
     """Return the answer to any other question."""
     noun = asks_about(text)
     if noun is not None:
@@ -275,7 +305,7 @@ def _answer(run: Select, text: str, reading: _Reading, base: str) -> Answer:
 
 
 def _answered(
-    run: Select, text: str, reading: _Reading, question: Question, nearest: tuple[Near, ...]
+    run: Select, text: str, reading: Reading, question: Question, nearest: tuple[Near, ...]
 ) -> Answer:
     """Return the answer to one of the questions, or why its slots cannot be filled."""
     filled = fill(question, reading.mentions, reading.period)
@@ -334,7 +364,7 @@ _FAR = "None of the questions is near to that."
 
 
 def _out_of_scope(
-    text: str, reading: _Reading, question: Question, nearest: tuple[Near, ...]
+    text: str, reading: Reading, question: Question, nearest: tuple[Near, ...]
 ) -> str:
     """Return why the nearest question is not the one that is asked, or nothing."""
     asked, phrases = reading.asked, matcher().phrases(question)
@@ -385,49 +415,6 @@ def _within_bounds(kb: Selectable) -> Select:
     return run
 
 
-def _read(run: Select, text: str, base: str, now: dt.datetime) -> _Reading:
-    period = find_period(text, now)
-    plain = text.replace(period.text, " ") if period is not None else text
-    tokens = tuple(tokens_of(plain))
-    mentions = tuple(with_called(run, tokens, find_mentions(run, list(tokens), base)))
-    strange = [at for at, token in enumerate(tokens) if _is_strange(token, at, mentions)]
-    mentions += tuple(find_by_part(run, tokens, strange))
-    words: list[str] = []
-    names: set[str] = set()
-    ignored: list[str] = []
-    for at, token in enumerate(tokens):
-        covering = [item for item in mentions if item.start <= at < item.end]
-        words += sorted({f"@{item.role}" for item in covering if item.start == at})
-        for part in split_name(uncontracted(token.strip('"<>').lower())):
-            word = stem(part)
-            if covering:
-                names.add(word)
-            else:
-                word = matcher().corrected(word)
-                if not matcher().is_familiar(word):
-                    ignored.append(part)
-            words.append(word)
-    if period is not None:
-        words.append("@time")
-    places = {(item.start, item.end) for item in mentions}
-    roles = [
-        frozenset(item.role for item in mentions if (item.start, item.end) == place)
-        for place in places
-    ]
-    roles += [frozenset({"time"})] if period is not None else []
-    return _Reading(
-        tokens, mentions, period, Asked(tuple(words), frozenset(names), tuple(roles)),
-        tuple(dict.fromkeys(ignored)),
-    )  # fmt: skip
-
-
-def _is_strange(token: str, at: int, mentions: tuple[Mention, ...]) -> bool:
-    """Return whether a word names nothing and means nothing in a question."""
-    if any(item.start <= at < item.end for item in mentions):
-        return False
-    return not any(matcher().is_familiar(stem(part)) for part in split_name(token.lower()))
-
-
 def _nearest(matches: list[Match]) -> tuple[Near, ...]:
     """Return the nearest questions, of several that ask the same the best."""
     groups: dict[str, Near] = {}
@@ -464,7 +451,7 @@ def _understood(question: Question, filled: list[Filled]) -> str:
 def _answer_words(
     question: Question,
     filled: list[Filled],
-    reading: _Reading,
+    reading: Reading,
     rows: Solutions,
     names: Mapping[Term, str],
     is_cut: bool,
@@ -489,5 +476,5 @@ def _answer_words(
     return sentence(question.answer, rows, names, given) + more + doubt
 
 
-def _unanswered(text: str, reading: _Reading, words: str, nearest: tuple[Near, ...]) -> Answer:
+def _unanswered(text: str, reading: Reading, words: str, nearest: tuple[Near, ...]) -> Answer:
     return Answer(text, "", "", {}, reading.ignored, "", Solutions((), ()), {}, words, nearest)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence, Set
+from itertools import pairwise
 
 from rtask.asking.questions.catalogue import Phrase
 from rtask.asking.questions.words import concept, raw_words, stem
@@ -21,12 +22,20 @@ _HOW_TO_SUBJECT = re.compile(
     re.I,
 )
 _HOW_IT_WORKS = re.compile(r"^how (?:do|does|did) (?:[\w-]+ ){1,4}(?:work|function)\W*$", re.I)
+_HOW_ALL_DO = re.compile(r"^how (?:do|does) (?:the |all |these )?[\w-]+ \w+\W*$", re.I)
+_OPINION = re.compile(
+    r"\b(?:do|does|would) (?:i|you|people) (?:like|love|hate|prefer|find|feel|want|recommend)\b",
+    re.I,
+)
 _OUGHT = re.compile(r"\b(will|shall|should|ought|gonna)\b", re.I)
 _POLITE = re.compile(r"^(?:will|would|could|can) you\b", re.I)
 _DEGREE = re.compile(r"^how (?P<how>\w+)(?: (?P<verb>is|are|was|were)\b)?", re.I)
 _NO_DEGREE = frozenset(
-    "many much often do does did can could is are was were has have had to come should would will "
-    "must may might well good successful successfully it they he she each the a an".split()
+    re.findall(
+        r"\w+",
+        "many much often do does did can could is are was were has have had to come should would "
+        "will must may might well good successful successfully it they he she each the a an",
+    )
 )
 _MEASURES = frozenset(concept(stem(word)) for word in ("heavy", "large", "wide", "tall", "long"))
 _MADE = re.compile(
@@ -34,13 +43,16 @@ _MADE = re.compile(
     r"owners?|made)\b",
     re.I,
 )
-_ACT_MADE = re.compile(r"\b(?:attempts?|tries|grasps?|pictures?|estimates?|mistakes?)\b.*\bmade", re.I)
+_ACT_MADE = re.compile(
+    r"\b(?:attempts?|tries|grasps?|pictures?|estimates?|mistakes?)\b.*\bmade", re.I
+)
 _WHERE_IS = re.compile(r"^where(?:'s| is| are| was| were)\b", re.I)
 _WHAT_IS_IN = re.compile(
     r"^what(?:'s| is| are| was)?(?: now| currently| there)? (?:in|inside|within)\b", re.I
 )
 _AGENTS = frozenset({"robot", "robot_kind", "hand"})
 _THINGS = frozenset({"object", "kind", "robot", "robot_kind", "hand", "place"})
+_DOCUMENTED = "How to do something, or how it works, is told by the documentation, not the graph."
 
 
 def other_form(text: str, phrases: Sequence[Phrase], roles: Set[str]) -> str:
@@ -60,7 +72,11 @@ def other_form(text: str, phrases: Sequence[Phrase], roles: Set[str]) -> str:
     if _HOW_IT_WORKS.match(text) or (
         _HOW_TO_SUBJECT.match(text) and not any(map(_HOW_TO_SUBJECT.match, said))
     ):
-        return "How to do something, or how it works, is told by the documentation, not the graph."
+        return _DOCUMENTED
+    if _HOW_ALL_DO.match(text) and roles <= _AGENTS and not any(map(_HOW_ALL_DO.match, said)):
+        return _DOCUMENTED
+    if _OPINION.search(text):
+        return "What somebody likes or looks for is not stated in the graph."
     ought = _OUGHT.search(text)
     if ought and "task" not in roles and not _POLITE.match(text) and not _has(said, ought[1]):
         return "The graph states what was and what is, not what will or should be."
@@ -96,7 +112,7 @@ def _measure(text: str, said: Sequence[str], roles: Set[str]) -> str:
 
 def _pairs(text: str) -> list[tuple[str, str]]:
     words = raw_words(text)
-    return list(zip(words, words[1:], strict=False))
+    return list(pairwise(words))
 
 
 def _has(said: Iterable[str], word: str) -> bool:

@@ -34,6 +34,7 @@ _MOST = re.compile(
 _WISH = re.compile(r"\b(?:some|any)thing\b|\bsth\b", re.I)
 _MIGHT_BE = re.compile(
     r"\bwould\b.*\bif\b|\bif\b.*\bwould\b|^what if\b|\btomorrow\b|"
+    r"^when (?:is|are|do|does)\b.*\bnext\b|"
     r"\bnext (?:hour|day|week|month|year)\b|\bin (?:the )?future\b",
     re.I,
 )
@@ -182,9 +183,9 @@ def _left_out(text: str, content: Sequence[str], own: set[str], likeness: float)
         return ""
     if likeness >= (UNSURE if len(words) <= MAX_SHORT else DOUBTFUL):
         return ""
-    if words[:2] == ["how", "many"] and len(words) <= MAX_SHORT:
-        return ""  # whether it can be counted is told elsewhere
     left = [word for word in content if concept(word) not in own | _LOOSE | _VAGUE | _NO_TOPIC]
+    if words[:2] == ["how", "many"] and words[2:3] != ["times"] and len(words) <= MAX_SHORT:
+        left = [word for word in left if word != stem(words[2])]  # counted or not elsewhere
     written = {stem(word): word for word in words}
     return next((written.get(word, word) for word in left), "")
 

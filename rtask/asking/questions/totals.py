@@ -13,7 +13,7 @@ from rtask.asking.questions.filling import with_prefixes
 from rtask.asking.questions.mentions import Select
 from rtask.sparql.results import Solutions
 
-__all__ = ["BY_KIND", "TOTAL", "Total", "counted_in", "total"]
+__all__ = ["BY_KIND", "TOTAL", "Part", "Total", "counted_in", "counts_attempts", "total"]
 
 TOTAL = "total"
 BY_KIND = "cq26"
@@ -46,6 +46,18 @@ _ASKS = re.compile(
     r"(?:do|does|has|have) (?:you|we|it|the graph|the store) (?:know|have|hold|store)(?: of)?))?"
     r"(?: (?:in (?:total|all|(?:this|the) (?:graph|store))|altogether|overall|so far))*\s*[?.!]*",
     re.I,
+)
+# "... for the mug", "... by nao", "... did nao make": the total of a part.
+_PART = re.compile(
+    r"(?:how many|(?:the )?number of) (?:grasp(?:ing)? )?(?:attempts|tries|trials)"
+    r"(?: (?:were|was|are) (?:there|made|known))?"
+    r"(?: (?:for|at|on|with|of|by|from) [^,;:?.!]{1,60}"
+    r"| (?:did|has|have) [^,;:?.!]{1,60} (?:make|made))"
+    r"\s*[?.!]*",
+    re.I,
+)
+_NEEDED = re.compile(
+    r"\b(?:need|until|till|before|after|first|held?|holds?|fail\w*|lost|succe\w*)\b", re.I
 )
 _QUERY = "SELECT (COUNT(DISTINCT ?thing) AS ?count) WHERE {\n  ?thing a $class\n}"
 _QUERIES = {
@@ -91,6 +103,46 @@ class Total:
     sentence: str
 
 
+@dataclass(frozen=True)
+class Part:
+    """What attempts are counted of.
+
+    Parameters
+    ----------
+    objects, robots
+        IRIs as SPARQL writes them, none for any.
+    kinds
+        Classes of objects, where no single one is named.
+    words
+        Such as ``at the mug by nao``.
+    """
+
+    objects: tuple[str, ...]
+    robots: tuple[str, ...]
+    kinds: tuple[str, ...]
+    words: str
+
+    @property
+    def pattern(self) -> str:
+        """What restricts ``?attempt`` to it."""
+        text = ""
+        if self.objects:
+            text += (
+                f"  VALUES ?of {{ {' '.join(self.objects)} }}\n"
+                "  FILTER EXISTS { { ?task rt:through ?attempt ; rt:handles ?of } UNION\n"
+                "    { ?attempt rt:executesGrasp/rt:graspOf ?of } }\n"
+            )
+        elif self.kinds:
+            text += (
+                f"  VALUES ?kind {{ {' '.join(self.kinds)} }}\n"
+                "  FILTER EXISTS { { ?task rt:through ?attempt ; rt:handles/a ?kind } UNION\n"
+                "    { ?attempt rt:executesGrasp/rt:graspOf/a ?kind } }\n"
+            )
+        if self.robots:
+            text += f"  VALUES ?by {{ {' '.join(self.robots)} }}\n  ?attempt rt:performedBy ?by .\n"
+        return text
+
+
 def counted_in(text: str) -> str | None:
     """Return the noun whose total a question asks for, or None if it asks for something else.
 
@@ -105,10 +157,32 @@ def counted_in(text: str) -> str | None:
     return noun if noun in _COUNTED else None
 
 
-def total(select: Select, noun: str) -> Total:
-    """Return the number of all things that a noun of :func:`counted_in` stands for."""
+def counts_attempts(text: str) -> bool:
+    """Return whether a question asks how many attempts there were at a thing, or by a robot.
+
+    >>> counts_attempts("How many attempts for the mug?"), counts_attempts("how many attempts?")
+    (True, False)
+    >>> counts_attempts("How many attempts did nao need for the mug?")
+    False
+    """
+    text = " ".join(text.split())
+    return _PART.fullmatch(text) is not None and _NEEDED.search(text) is None
+
+
+def total(select: Select, noun: str, part: Part | None = None) -> Total:
+    """Return the number of all things that a noun of :func:`counted_in` stands for.
+
+    Parameters
+    ----------
+    part
+        Of what or of whom the attempts are counted; all by default.
+    """
     cls, one, many = _COUNTED[noun]
-    sparql = with_prefixes(_QUERIES.get(noun, _QUERY).replace("$class", cls))
+    text = _QUERIES.get(noun, _QUERY).replace("$class", cls)
+    if part is not None:
+        text = text.replace(f"?attempt a {cls}\n", f"?attempt a {cls}\n{part.pattern}", 1)
+        one, many = (f"{noun} {part.words}" for noun in (one, many))
+    sparql = with_prefixes(text)
     rows = select(sparql)
     numbers = {name: int(str(rows[0].value(name))) for name in rows.variables}
     count = numbers["count"]

@@ -1,6 +1,6 @@
 """Figures of asking: checked queries, agents with tools, and questions in words.
 
-    .venv/bin/python -m tests.benchmarks.kb.bench_asking [--data FOLDER] [--seed 1] [--show KIND]
+    .venv/bin/python -m tests.benchmarks.kb.bench_asking [--data STORE] [--seed 1] [--show KIND]
 
 Each query is changed at every triple pattern. A change that leaves a valid query with equal answers
 is none, and is not counted. Without ``--data``, the graph is the ontology's sample. A caller that
@@ -201,6 +201,8 @@ def main() -> None:
             print(f"queries {name}")
             measure(Bench(kb), texts, given.seed, show)
         report_walks(kb, given.seed)
+        if given.data:
+            report_newcomers(kb)
     report_agents()
     report_words(given.show == "words")
 
@@ -264,6 +266,16 @@ def report_agents() -> None:
         changed = len(before ^ of_others(application.context.kb))
     print(f"hidden instructions: {len(agent.obeyed)} obeyed, {changed} statements of others "
           f"changed, {len(agent.misplaced)} texts outside of quoted data")  # fmt: skip
+
+
+def report_newcomers(kb: KnowledgeBase) -> None:
+    """Print how newcomers at ``rtask demo --seed 7300`` fare, whose store ``--data`` has to be."""
+    for name, is_later in (("first list", False), ("second list", True)):
+        asked, none = question_words.newcomers(is_later)
+        got = [one.is_right(kb) for one in asked]
+        answered = sum(answer(kb, words).is_understood for words in none)
+        print(f"newcomers, {name}: {got.count(True)} of {len(got)} right, {got.count(False)} "
+              f"answered wrongly; of {len(none)} that mean none {answered} answered")  # fmt: skip
 
 
 def report_words(shows_missed: bool) -> None:

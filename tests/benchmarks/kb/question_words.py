@@ -62,6 +62,34 @@ def none_of_them(is_kept: bool) -> dict[str, list[str]]:
     }
 
 
+@dataclass(frozen=True)
+class Newcomer:
+    """A newcomer's question at a demo: the questions that are right, and what it has to name."""
+
+    words: str
+    right: tuple[str, ...]
+    names: tuple[str, ...]
+
+    def is_right(self, kb: KnowledgeBase) -> bool | None:
+        """Return whether it is answered rightly; None if it is not answered."""
+        got = answering.answer(kb, self.words)
+        if not got.is_understood:
+            return None
+        groups = {one.key: one.group for one in questions()}
+        right = {groups.get(key, key) for key in self.right}
+        named = " ".join(words for words, _ in got.filled.values())
+        return groups.get(got.key, got.key) in right and all(name in named for name in self.names)
+
+
+def newcomers(later: bool) -> tuple[list[Newcomer], list[str]]:
+    """Return questions of newcomers at a demo, and such as mean none of the ontology's."""
+    told = tomllib.loads((Path(__file__).parent / "asking_newcomers.toml").read_text("utf-8"))
+    suffix = "_later" if later else ""
+    asked = [Newcomer(words, tuple(right), tuple(names))
+             for words, right, names in told[f"asked{suffix}"]]  # fmt: skip
+    return asked, told[f"none{suffix}"]
+
+
 def try_phrase(kb: KnowledgeBase, question: Question, said: Phrase) -> Tried:
     """Ask in a phrasing; the graph has the sample with :data:`NAMED`."""
     got = answering.answer(kb, said.text)

@@ -67,7 +67,7 @@ def test_attempts_without_a_task_or_an_outcome_are_attempts() -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "How many attempts did nao make?", "How many attempts were there for the mug?",
+        "How many attempts did nao need?", "How many attempts were needed for the mug?",
         "How many robots can hold the mug?", "How many attempts of each robot held?",
         "How many objects have never been held?", "how many grasps does the mug have?",
         "how many mugs are there?", "How many attempts failed?",
@@ -77,3 +77,26 @@ def test_a_part_is_not_answered_with_the_total(kb: KnowledgeBase, text: str) -> 
     found = answer(kb, text)
     assert found.key != "total"
     assert " known: " not in found.sentence
+
+
+@pytest.mark.parametrize(
+    ("text", "count", "words"),
+    [
+        ("How many attempts for carton-5?", 1, "1 attempt to grasp at carton-5 is known: 1 held"),
+        ("How many attempts for carton-6?", 0, "which does not mean that there is none"),
+    ],
+)
+def test_attempts_at_a_thing_are_counted_not_those_until_it_held(
+    text: str, count: int, words: str
+) -> None:
+    with rtask.open(":memory:") as lab:
+        lab.update(_LAB)
+        found = answer(lab, text)
+    assert (found.key, found.count) == ("total", count)
+    assert words in found.sentence
+
+
+def test_attempts_by_a_robot_at_a_thing_are_counted_together(kb: KnowledgeBase) -> None:
+    found = answer(kb, "how many attempts at the pen by nao?")
+    assert (found.count, set(found.filled)) == (3, {"object", "robot"})
+    assert answer(kb, "How many attempts did nao need for the pen?").key == "eq11"
