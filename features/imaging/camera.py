@@ -231,7 +231,7 @@ def baseline_m(message: Mapping[str, Any]) -> tuple[float, float]:
     return float(p[3] / projection[0]), float(p[7] / projection[1] if projection[1] else 0.0)
 
 
-def has_same_rays(one: Lens, other: Lens) -> bool:
+def has_same_rays(first: Lens, other: Lens) -> bool:
     """Whether two lenses look along the same rays, at whatever resolution, to 2 % of the image.
 
     Examples
@@ -240,10 +240,10 @@ def has_same_rays(one: Lens, other: Lens) -> bool:
     >>> has_same_rays(Lens(full), Lens(half))
     True
     """
-    first, second = one.intrinsics, other.intrinsics
-    same = scaled(second, first.width, first.height)
-    off = [first.fx - same.fx, first.fy - same.fy, first.cx - same.cx, first.cy - same.cy]
-    return bool(np.max(np.abs(off)) <= _SAME_RAYS * max(first.width, first.height))
+    camera = first.intrinsics
+    same = scaled(other.intrinsics, camera.width, camera.height)
+    off = [camera.fx - same.fx, camera.fy - same.fy, camera.cx - same.cx, camera.cy - same.cy]
+    return bool(np.max(np.abs(off)) <= _SAME_RAYS * max(camera.width, camera.height))
 
 
 def undistorted(

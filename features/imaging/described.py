@@ -12,7 +12,7 @@ from features.imaging.topics import sensor_of
 __all__ = ["CameraDescriptions", "Described", "name_space", "stamp_of"]
 
 _TRANSPORTS = ("compressed", "compressedDepth", "theora", "ffmpeg")
-_MOST_KEPT = 32
+_MAX_OF_FRAME = 32
 """Of one frame: more than the images that wait for their colour."""
 
 
@@ -55,7 +55,7 @@ class CameraDescriptions:
     """
 
     count: int = 0
-    _kept: dict[str, dict[str, deque[Described]]] = field(default_factory=dict)
+    _by_frame: dict[str, dict[str, deque[Described]]] = field(default_factory=dict)
 
     def add(self, topic: str, message: Mapping[str, Any]) -> None:
         """Take a ``sensor_msgs/CameraInfo`` of a topic."""
@@ -63,8 +63,8 @@ class CameraDescriptions:
         frame = str(header.get("frame_id", "")).lstrip("/")
         self.count += 1
         described = Described(message, frame, stamp_of(message), self.count)
-        of_space = self._kept.setdefault(name_space(topic), {})
-        of_space.setdefault(frame, deque(maxlen=_MOST_KEPT)).append(described)
+        of_space = self._by_frame.setdefault(name_space(topic), {})
+        of_space.setdefault(frame, deque(maxlen=_MAX_OF_FRAME)).append(described)
 
     def find(
         self, topic: str, frame: str = "", stamp_s: float = 0.0, order: int | None = None
@@ -84,19 +84,21 @@ class CameraDescriptions:
         or the first one of all. Where none is in its frame, one of the others is taken, and the
         sentence says so.
         """
-        of_space = self._kept.get(name_space(topic), {})
+        of_space = self._by_frame.get(name_space(topic), {})
         doubt, frame = "", frame.lstrip("/")
-        kept = list(of_space.get(frame, ()))
-        if not kept:
-            kept = sorted((each for few in of_space.values() for each in few), key=_by_order)
-            named = sorted(name for name in of_space if name)
-            if frame and named:
-                doubt = f"its images are in the frame {frame}, its CameraInfo in {', '.join(named)}"
-        if not kept:
+        candidates = list(of_space.get(frame, ()))
+        if not candidates:
+            candidates = sorted((each for few in of_space.values() for each in few), key=_by_order)
+            frames = sorted(name for name in of_space if name)
+            if frame and frames:
+                doubt = (
+                    f"its images are in the frame {frame}, its CameraInfo in {', '.join(frames)}"
+                )
+        if not candidates:
             return None, ""
-        at_once = [each for each in kept if stamp_s and each.stamp_s == stamp_s]
-        before = [each for each in at_once or kept if order is None or each.order <= order]
-        return (before[-1] if before else (at_once or kept)[0]), doubt
+        at_once = [each for each in candidates if stamp_s and each.stamp_s == stamp_s]
+        before = [each for each in at_once or candidates if order is None or each.order <= order]
+        return (before[-1] if before else (at_once or candidates)[0]), doubt
 
 
 def _by_order(described: Described) -> int:

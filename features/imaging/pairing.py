@@ -212,13 +212,13 @@ class Pairing:
                 for colour in self._colours.get(name, ())
             ]
             off, colour = min(apart, key=lambda pair: abs(pair[0]), default=(0.0, None))
-            is_known = any(pair[0] >= 0 for pair in apart) or (
+            is_decided = any(pair[0] >= 0 for pair in apart) or (
                 colour is not None and abs(off) <= _AT_ONCE_S
             )
             waited_s = waiting[-1].of.recorded_s - depth.of.recorded_s
             has_waited = len(waiting) > _MOST_WAITING or waited_s > _LONGEST_WAIT_S
             is_alone = not self.plan.partners.get(topic) and len(waiting) > 1
-            if not (is_known or has_waited or is_alone or is_last):
+            if not (is_decided or has_waited or is_alone or is_last):
                 return
             waiting.popleft()
             if depth.of.recorded_s >= self.from_s:
@@ -309,9 +309,9 @@ class Pairing:
         """Return the pose that the baselines in P say; None where they say no difference."""
         baselines = np.zeros((2, 2))
         for row, image in enumerate((colour.of, depth.of)):
-            found = self._described(image)
-            if found is not None and is_rectified_topic(image.topic):
-                baselines[row] = baseline_m(found)
+            described = self._described(image)
+            if described is not None and is_rectified_topic(image.topic):
+                baselines[row] = baseline_m(described)
         apart = baselines[0] - baselines[1]
         if not apart.any():
             return None
@@ -321,13 +321,13 @@ class Pairing:
 
     def _described(self, image: _Image) -> Mapping[str, Any] | None:
         """Return the CameraInfo of an image; None where none lies beside it."""
-        found, doubt = self.cameras.find(
+        described, doubt = self.cameras.find(
             image.topic, image.frame_id, image.stamp_s, image.described
         )
         of_depth = self.plan.depth.get(image.topic)
         if doubt and not (of_depth is not None and of_depth.is_aligned):
             self._warn_once(image.topic, doubt, "frame")
-        return None if found is None else found.message
+        return None if described is None else described.message
 
     def _lens(self, image: _Image, shape: tuple[int, ...]) -> Lens | None:
         """Return the lens of an image (h, w) of a topic; None where none is described, or usable.

@@ -148,12 +148,14 @@ def camera_of_placed_grid(points: FloatArray) -> tuple[Intrinsics, Float64Array]
     >>> z = np.random.default_rng(0).uniform(0.5, 1, (48, 64))
     >>> base_from_camera = look_at(np.array([0.1, -0.4, 1.0]), np.array([0.5, 0.0, 0.2]))
     >>> seen = transform(base_from_camera, points_from_depth(z, camera))
-    >>> found, pose = camera_of_placed_grid(seen)
-    >>> round(found.fx, 2), pose[:3, 3].round(3).tolist()
+    >>> pinhole, pose = camera_of_placed_grid(seen)
+    >>> round(pinhole.fx, 2), pose[:3, 3].round(3).tolist()
     (80.0, [0.1, -0.4, 1.0])
     """
-    found = _pinhole_of_grid(points)
-    return None if found is None or found.is_mirrored else (found.camera, found.source_from_camera)
+    pinhole = _pinhole_of_grid(points)
+    if pinhole is None or pinhole.is_mirrored:
+        return None
+    return pinhole.camera, pinhole.source_from_camera
 
 
 def _pinhole_of_grid(points: FloatArray) -> _Pinhole | None:
