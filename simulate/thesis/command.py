@@ -57,10 +57,11 @@ def thesis(context: click.Context) -> None:
 @click.option("--limit", type=click.IntRange(min=1), help="List at most so many.")
 @options.json_flag("entries")
 def list_entries(only: str | None, limit: int | None, as_json: bool) -> None:
-    """List every table, figure, algorithm, listing and experiment, and its state.
+    """List every table, figure, algorithm, listing, experiment and promise, and its state.
 
     compared: a run prints our figures beside the thesis's; shown: a run shows ours, the thesis
-    gives no figure; done differently, not applicable: no run, and the list says why.
+    gives no figure; built: it does what the thesis tells in words; done differently, not
+    applicable: the list says why. These three have no run.
     """
     from simulate.study.command import print_table
     from simulate.thesis.registry import ENTRIES

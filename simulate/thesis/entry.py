@@ -14,7 +14,7 @@ __all__ = ["Entry", "Kind", "State", "Thesis"]
 Thesis = Literal["gatto", "kehoe", "beyond"]
 """Whose; ``beyond`` is what neither thesis has."""
 Kind = Literal["table", "fig", "algorithm", "listing", "experiment", "capability"]
-State = Literal["compared", "shown", "done differently", "not applicable"]
+State = Literal["compared", "shown", "built", "done differently", "not applicable"]
 
 
 _MATERIAL = {
@@ -47,21 +47,23 @@ class Entry:
     Parameters
     ----------
     thesis, kind, number
-        Make up the name: ``kehoe-table-3.1``; experiments without a number have a word, and what
-        neither thesis has is named by it: ``beyond-plans``.
+        Make up the name: ``kehoe-table-3.1``; experiments and capabilities, which have no number in
+        the thesis, have a word, and what neither thesis has is named by it: ``beyond-plans``.
     section
         Of the thesis.
     shows
         What the thesis shows there, in our words.
     state
         ``compared``: a run prints our figures beside the thesis's; ``shown``: a run prints or draws
-        ours, as the thesis gives no figure; ``done differently`` and ``not applicable``: no run,
-        and ``why`` says the reason and where ours is.
+        ours, as the thesis gives no figure; ``built``: it does what the thesis describes in words,
+        without a figure to compare or draw, and ``why`` names the document or command;
+        ``done differently`` and ``not applicable``: no run, and ``why`` says the reason and where
+        ours is.
     run
         ``module:function`` below :mod:`simulate.thesis.runs`, called with a
         :class:`~simulate.thesis.result.Setting`.
     why
-        Reason of the last two states, or a remark.
+        Reason of the states without a run, or a remark.
     material
         What stands in for what the thesis did not publish, if not what its module uses.
     """

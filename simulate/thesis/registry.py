@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from rtask.errors import UsageError
-from simulate.thesis import beyond, gatto, kehoe
+from simulate.thesis import beyond, capabilities, gatto, kehoe
 from simulate.thesis.entry import Entry
 
 __all__ = ["ENTRIES", "entries_named"]
 
-ENTRIES: tuple[Entry, ...] = (*gatto.ENTRIES, *kehoe.ENTRIES, *beyond.ENTRIES)
+ENTRIES: tuple[Entry, ...] = (
+    *gatto.ENTRIES,
+    *kehoe.ENTRIES,
+    *capabilities.ENTRIES,
+    *beyond.ENTRIES,
+)
 
 
 def entries_named(name: str) -> list[Entry]:

@@ -24,6 +24,7 @@ VERDICTS = {
     "too few to tell": "our interval holds the thesis's figure, and nearly any other",
     "not compared": "the thesis gives no figure",
     "failed": "the run broke",
+    "built": "no run: it does what the thesis tells in words, and the entry says where",
     "done differently": "no run: ours is another thing, and it says which",
     "not applicable": "no run, and it says why",
 }

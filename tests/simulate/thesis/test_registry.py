@@ -7,8 +7,10 @@ import os
 import re
 from pathlib import Path
 
+import click
 import pytest
 
+from rtask.cli import cli
 from rtask.errors import UsageError
 from simulate.thesis.entry import Entry
 from simulate.thesis.registry import ENTRIES, entries_named
@@ -80,10 +82,29 @@ def test_every_run_exists(run: str) -> None:
 
 @pytest.mark.parametrize("entry", [e for e in ENTRIES if e.why], ids=lambda e: e.name)
 def test_what_a_reason_names_exists(entry: Entry) -> None:
-    for path in re.findall(r"(?:docs|tests)/[\w./-]*\w", entry.why):
+    for path in re.findall(r"(?:docs|tests|features|simulate)/[\w./-]*\w", entry.why):
         assert (_ROOT / path).exists(), path
+    for typed in re.findall(r"`rtask ([^`]*)`", entry.why):
+        assert_is_a_command(typed.split())
     for name in re.findall(r"(?:gatto|kehoe)-[a-z]+-[\w.]+", entry.why):
         assert entries_named(name.rstrip("."))
+
+
+def assert_is_a_command(words: list[str]) -> None:
+    command: click.Command = cli
+    for word in words:
+        if word.startswith("--"):
+            assert word in {option for p in command.params for option in p.opts}, words
+        elif isinstance(command, click.Group):
+            step = command.get_command(click.Context(command), word)
+            assert step is not None, words
+            command = step
+
+
+def test_a_promise_without_a_caption_is_answered_too() -> None:
+    promises = {e.name for e in ENTRIES if e.kind == "capability" and e.thesis != "beyond"}
+    assert {"gatto-capability-other-tasks", "kehoe-capability-call-centre"} <= promises
+    assert all(e.why for e in ENTRIES if e.name in promises)
 
 
 def test_a_number_means_all_that_carry_it() -> None:
