@@ -19,8 +19,9 @@ from pathlib import Path
 
 import click
 
+from rtask.extras import install_command
+
 _OPEN3D_PACKAGES = "libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6"
-_INSTALL = "pip install rtask-kg"
 # An extra, its library that most often does not load, and what mends that.
 _EXTRAS = (
     ("perception", "open3d", f"sudo apt-get install {_OPEN3D_PACKAGES}"),
@@ -107,15 +108,15 @@ def _missing(extra: str | None) -> list[str]:
 def _packages() -> Finding:
     missing = _missing(None)
     if missing:
-        return Finding("packages", "broken", f"missing: {', '.join(missing)}", _INSTALL)
+        return Finding("packages", "broken", f"missing: {', '.join(missing)}", install_command())
     return Finding("packages", "ok", "all installed")
 
 
 def _extra(name: str) -> Finding:
     missing = _missing(name)
     if missing:
-        mend = f"pip install 'rtask-kg[{name}]'"
-        return Finding(name, "note", f"the extra lacks {', '.join(missing)}", mend)
+        lacks = f"the extra lacks {', '.join(missing)}"
+        return Finding(name, "note", lacks, install_command(name))
     return Finding(name, "ok", "the extra is installed")
 
 

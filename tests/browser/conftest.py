@@ -40,7 +40,7 @@ def chromium() -> Iterator[Any]:
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
-        missing = "playwright is not installed: pip install 'rtask-kg[browser]'"
+        missing = "playwright is not installed: pip install '.[browser]'"
     if missing:
         if os.environ.get("RTASK_REQUIRE_BROWSER"):
             pytest.fail(missing)

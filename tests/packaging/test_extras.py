@@ -107,7 +107,7 @@ def test_a_missing_extra_is_one_line_that_names_it(
             (tmp_path / argument).write_bytes(b"")
     done = _without_extras(tmp_path, *arguments)
     command = arguments[0]
-    wanted = f"rtask {command} needs the extra '{extra}': pip install 'rtask-kg[{extra}]'"
+    wanted = f"rtask {command} needs the extra '{extra}': in the checkout, pip install '.[{extra}]'"
     assert done.stderr.splitlines() == [f"rtask: {wanted}"]
     assert done.returncode == 3
 
@@ -116,7 +116,7 @@ def test_a_missing_extra_is_one_line_that_names_it(
 def test_a_demo_without_its_extra_names_the_one_that_needs_none(tmp_path: Path) -> None:
     done = _without_extras(tmp_path, "demo")
     assert done.stderr.splitlines() == [
-        "rtask: rtask demo needs the extra 'simulate': pip install 'rtask-kg[simulate]'; "
+        "rtask: rtask demo needs the extra 'simulate': in the checkout, pip install '.[simulate]'; "
         "`rtask demo --recorded` shows a recorded run without it"
     ]
     assert done.returncode == 3

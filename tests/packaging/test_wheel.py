@@ -18,6 +18,7 @@ from tests.packaging.installation import Installation, install
 from tests.servers import running_server
 
 pytestmark = pytest.mark.slow
+BESIDE_THE_WHEEL = "beside the wheel, pip install './rtask_kg-0.1.0-py3-none-any.whl[{}]'"
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def wheel(built: Distributions) -> Path:
 
 @pytest.fixture(scope="module")
 def base(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installation:
-    """An installation by ``pip install rtask-kg``."""
+    """An installation of the wheel without extras."""
     return install(wheel, tmp_path_factory.mktemp("base") / "venv")
 
 
@@ -92,7 +93,7 @@ def test_the_base_serves_queries_and_registers_robots(base: Installation, tmp_pa
         refused = httpx.post(f"{server.url}/engine/search_object", json={"data": "eA=="})
         assert refused.status_code == 501, refused.text
         assert refused.json()["type"] == "/errors/missing-extra"
-        assert "pip install 'rtask-kg[perception]'" in refused.json()["detail"]
+        assert BESIDE_THE_WHEEL.format("perception") in refused.json()["detail"]
 
 
 # The sample names a picture that it does not bring, and operators sign in first.
@@ -173,7 +174,7 @@ def test_studies_weigh_little_in_the_wheel_and_nothing_in_the_base(
 
 def test_the_base_says_which_extra_a_demo_needs(base: Installation, tmp_path: Path) -> None:
     done = base.run("rtask", "demo", folder=tmp_path)
-    wanted = "rtask demo needs the extra 'simulate': pip install 'rtask-kg[simulate]'"
+    wanted = f"rtask demo needs the extra 'simulate': {BESIDE_THE_WHEEL.format('simulate')}"
     assert done.returncode == 3
     assert done.stderr.startswith(f"rtask: {wanted}; `rtask demo --recorded`")
 

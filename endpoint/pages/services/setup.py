@@ -19,6 +19,7 @@ from endpoint.pages.services.tools import KINEMATICS, ROBOTS, service_named
 from endpoint.pages.signin import require_form
 from rtask.engine.operations.robots import RegisterRobot
 from rtask.errors import MissingExtraError, RtaskError, UsageError
+from rtask.extras import install_command
 from rtask.wire.forms import controls_of
 
 __all__: list[str] = []
@@ -144,6 +145,7 @@ def _shown(
         grippers=[control for control in parts if control.name.startswith(_GRIPPER)],
         cameras=[control for control in parts if control.name.startswith(_CAMERA)],
         robots=[name for name in readable_datasets() if name.startswith(ROBOTS)],
+        install=install_command("simulate"),
         kinematics=KINEMATICS if offers_kinematics() else "",
         given=values,
         problem=problem or {},

@@ -269,8 +269,8 @@ def train(samples: GraspSamples, kind: ModelKind = "boosting", seed: int = 0) ->
     ------
     ValueError
         When the samples are too few.
-    ImportError
-        Without scikit-learn: ``pip install 'rtask-kg[classifier]'``.
+    ModuleNotFoundError
+        Without scikit-learn, which the extra ``classifier`` brings.
     """
     rng = np.random.default_rng(seed)
     objects = rng.permutation(np.unique(samples.objects))
@@ -282,9 +282,10 @@ def train(samples: GraspSamples, kind: ModelKind = "boosting", seed: int = 0) ->
     try:
         import sklearn
         from sklearn.isotonic import IsotonicRegression
-    except ImportError as error:
-        raise ImportError(
-            "training a classifier takes scikit-learn: pip install 'rtask-kg[classifier]'"
+    except ModuleNotFoundError as error:
+        # Named, so that the command line can tell which extra brings it.
+        raise ModuleNotFoundError(
+            "training a classifier takes scikit-learn: the extra 'classifier'", name="sklearn"
         ) from error
     chosen = samples.take(_balanced(learnt, right, rng) if kind == "svm" else learnt)
     fitted = _fit_svm(chosen, seed) if kind == "svm" else _fit_boosting(chosen, seed)

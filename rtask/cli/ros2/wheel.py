@@ -19,6 +19,7 @@ from typing import Any
 
 from rtask.cli.doctor import Finding
 from rtask.errors import RtaskError
+from rtask.extras import install_command
 
 __all__ = ["examine_dds"]
 
@@ -41,7 +42,7 @@ def examine_dds(domain: int, wait_s: float, is_needed: bool) -> Iterator[Finding
     if importlib.util.find_spec("cyclonedds") is None:
         yield Finding(
             "cyclonedds", "broken" if is_needed else "note",
-            "not installed; rtask ros2 dds needs it", "pip install 'rtask-kg[dds]'",
+            "not installed; rtask ros2 dds needs it", install_command("dds"),
         )  # fmt: skip
         return
     network = os.environ.get("CYCLONEDDS_URI") or "chosen by Cyclone"

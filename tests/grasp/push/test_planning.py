@@ -193,7 +193,7 @@ def test_parallel_runs_equal_the_serial_run(kind: str) -> None:
 
 def test_ray_equals_the_serial_run() -> None:
     """All shards, and those that finish first: trial by trial what the serial run gives."""
-    ray = pytest.importorskip("ray", reason="ray is optional: pip install 'rtask-kg[ray]'")
+    ray = pytest.importorskip("ray", reason="ray is optional: pip install '.[ray]'")
     part = as_part(stand_in("A"))
     test, tolerance = PushTest(0.25 * part.diameter), Tolerance.default(part)
     serial = _plan(samples=80).analysis.codes

@@ -33,7 +33,7 @@ from tests.rtask.services.lab import Fragile, Notebook, Writer
 
 pytestmark = pytest.mark.slow  # starts processes
 
-_REASON = "ray is optional: pip install 'rtask-kg[ray]'"
+_REASON = "ray is optional: pip install '.[ray]'"
 
 
 class FarFragile(Fragile):

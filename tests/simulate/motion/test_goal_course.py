@@ -123,3 +123,30 @@ def test_a_goal_that_says_nonsense_is_refused_before_the_arm_moves(fields, words
 def test_a_tolerance_that_is_no_number_is_refused(name, position):
     with pytest.raises(UsageError, match=f"{name}: elbow: expected a number of rad"):
         course(goal(**{name: [{"name": "elbow", "position": position}]}))
+
+
+@pytest.mark.parametrize("secs", [math.inf, math.nan])
+def test_a_header_whose_time_is_no_time_is_refused(secs):
+    asked = goal()
+    asked["trajectory"]["header"]["stamp"] = {"secs": secs, "nsecs": 0}
+    with pytest.raises(UsageError, match=r"trajectory\.header\.stamp: expected a time"):
+        course(asked)
+
+
+@pytest.mark.parametrize("header", [None, {}, "now"])
+def test_a_trajectory_without_a_time_starts_now(header):
+    asked = goal()
+    asked["trajectory"]["header"] = header
+    made = course(asked)
+    assert not made.is_early(NOW_S)
+    assert made.desired(0.5)[0].tolist() == pytest.approx([0.0, 0.5])
+
+
+def test_of_a_late_trajectory_a_point_without_a_time_is_refused_and_not_skipped():
+    late = {"start_s": NOW_S - 1.5}
+    with pytest.raises(UsageError, match="time_from_start"):
+        course(goal(**late, points=((1, (0, 1)), (math.nan, (0, 5)), (2, (0, 2)))))
+    with pytest.raises(OldStampError):
+        course(goal(**late, points=((1, (0, 1)), (math.nan, (0, 2)))))
+    with pytest.raises(UsageError, match="at least one point"):
+        course(goal(**late, points=()))
