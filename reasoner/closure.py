@@ -84,7 +84,7 @@ class Staged:
         )
         self.inferred_added, self.inferred_removed = map(closure._shown, self._parts())
         self.remaining_inferred: Collection[Triple] | None = remaining
-        draft.layer.work = None
+        draft.layer.work = None  # its budget was for deriving, not for those who read
         earlier = closure._state.clashes
         self._counts_after = closure._terms.counts()
         self._news = [clash for key, clash in draft.clashes.items() if key not in earlier]

@@ -50,6 +50,8 @@ class SharedFacts(Facts):
         """Stay as it is while the shared facts are about to change."""
         layer = self._layer
         for fact in added:
+            # A fact that the trunk takes and the branch had added is shared from now on; any other
+            # is hidden.
             if not layer.added.discard(*fact):
                 layer.removed.add(*fact)
         for fact in removed:
@@ -68,6 +70,7 @@ class SharedFacts(Facts):
             {p: column.keys for p, column in each.columns().items()}
             for each in (self._layer.base, facts)
         )
+        # Compared as columns, since a rebuild does not list what it changed.
         change = FactChange.between(was, now)
         self._layer = Layer(self._layer.base)
         self._layer.added, self._layer.removed = (
@@ -143,6 +146,7 @@ class Fork(Closure):
         super().__init__(trunk._rules, trunk._config)
         state, asserted, layer = trunk._state, draft.asserted, draft.layer
         self._terms = trunk._terms
+        # A copy: either side skips statements about the reifiers that it has met itself.
         self._reifiers = set(trunk._reifiers)
         if draft.is_rebuilt:
             self._facts = SharedFacts(state.facts)
@@ -178,6 +182,8 @@ class Fork(Closure):
 
     def before(self, draft: Draft, has_other_rules: bool) -> None:
         """Stay as it is while the trunk is about to take a change."""
+        # A rebuilt draft lists no changes, and with other rules something else follows from the
+        # branch.
         if self.is_lost or draft.is_rebuilt or has_other_rules or draft.size > MAX_SHIFT:
             self.is_lost = True
             return
@@ -187,6 +193,7 @@ class Fork(Closure):
     def _take(self, draft: Draft, exported: Exported, rules: Rules) -> None:
         """Make a draft the state, and go on sharing what the trunk has as well."""
         super()._take(draft, exported, rules)
+        # A rebuild makes a set of its own, which would end the sharing.
         if self._state.facts is not self._facts:
             self._facts.hold(self._state.facts)
             self._state.facts = self._facts

@@ -61,6 +61,7 @@ class Difference:
     def of(cls, draft: Draft, state: State, exported: FactChange) -> Difference:
         """Return how a draft, not yet applied, differs from the state."""
         layer, asserted = draft.layer, draft.asserted
+        # The layer of a rebuilt draft is the whole new state, not what differs.
         if draft.is_rebuilt:
             facts = FactChange.between(_keys(state.facts), _keys(layer))
         else:
@@ -153,6 +154,7 @@ class Reporter:
         resources, literals = self._terms.since(self._counts)
         self._counts = self._terms.counts()
         program = None
+        # A program is large to send, and most changes leave it as it is.
         if state.program is not self._reported:
             program, self._reported = self._as_data(state.program), state.program
         return Report(
@@ -198,6 +200,7 @@ class Handover:
         self, draft: Draft, difference: Difference, rules: tuple[str | LabelledRule, ...] | None
     ) -> None:
         """Record a change that the closure takes."""
+        # The size of a rebuilt draft is that of the whole state, which says nothing of the step.
         if draft.size > MAX_STEP and not draft.is_rebuilt:
             self.is_broken = True
         asserted = draft.asserted
@@ -276,10 +279,13 @@ class Handover:
         report = self._report
         if report is None or self.is_broken or self.has_steps:
             return None
+        # The rules have changed here, and the copy has not said which it has now.
         if self._new is None and state.program is not self._first:
             return None
         numbers = self._numbers()
+        # From the present state back to the one that both began with, and on to the copy's.
         change = self._taken.undone().then(report.difference.renumbered(numbers))
+        # Derived for another change, or without one that has come since: of no use.
         if change.asserted != FactChange.of(asserted.added, asserted.removed):
             return None
         layer = Layer(state.facts)

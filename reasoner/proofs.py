@@ -253,6 +253,7 @@ class Prover:
             choices = islice(product(*map(self._equality.members, merged)), MAX_VARIANTS)
             variants = [rule.substitute(dict(zip(merged, c, strict=True))) for c in choices]
             stated = [r for r in variants if all(map(self._is_as_asserted, r.because))]
+            # What somebody stated in this form can be looked up; the other forms follow from it.
             yield from stated or variants
 
     def _is_as_asserted(self, fact: Fact) -> bool:
@@ -282,6 +283,7 @@ class Prover:
 
     def _replacements(self, goal: Fact, height: int) -> Iterator[Proof]:
         """One term replaced by an equal one (eq-rep-s, eq-rep-p, eq-rep-o)."""
+        # Equality has steps of its own, which these would only repeat.
         if goal[1] == SAME:
             return
         for place, name in enumerate(("eq-rep-s", "eq-rep-p", "eq-rep-o")):

@@ -45,6 +45,7 @@ class Refuter:
     def refute(self, fact: Fact) -> Refutation:
         """Return that a fact does not hold, and the nearest ways to make it hold."""
         ways: list[tuple[tuple[int, int, int, int], Need]] = []
+        # Short rules first: they lack less, and the budget may end the search.
         rules = sorted(self._program.rules_for(self._equality.rewrite(fact)), key=_size)
         try:
             for rule in rules[:MAX_RULES]:
@@ -61,6 +62,7 @@ class Refuter:
         env = rule.environment()
         if not rule.body or not bind(rule.head, goal, self._terms, env):
             return
+        # All premises hold and only a condition does not: nothing can be nearer.
         if rule.conditions:
             blocked = self._first(rule.body, list(env))
             if blocked is not None and rule.conclude(blocked) == goal:

@@ -99,6 +99,7 @@ def _instances(rule: Rule, view: View, terms: Dictionary) -> Iterator[Inconsiste
     env = rule.environment()
     if _is_single_valued(rule):
         first = body[0]
+        # Few subjects have two values; only those are joined.
         for s in {s for s, _ in view.pairs(first.p)}:
             if len(view.objects(first.p, s)) > 1:
                 env[~first.s] = s

@@ -113,6 +113,7 @@ class Memo:
             Receives the terms that the rules bring.
         """
         for earlier, answer in self._entries:
+            # In the same order, so that terms get the ids that the facts are made of.
             if earlier == question and not has_owned(answer.new_terms, question.owner):
                 for term in answer.new_terms:
                     terms.encode(term)
@@ -124,10 +125,12 @@ class Memo:
     ) -> None:
         """Keep an answer, in place of the oldest if there are too many."""
         listed = terms.listed()
+        # The next knowledge base has another label there, which may decide what follows.
         if listed is None or terms.has_read_label:
             return
         now, resources = listed
         literals = len(question.terms) - question.resources
+        # Resources are listed before literals: new ones stand in the middle and at the end.
         new = (*now[question.resources : resources], *now[resources + literals :])
         if None in new:
             return  # a blank node: the next one would have to be another

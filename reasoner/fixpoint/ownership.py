@@ -46,6 +46,7 @@ class Ownership:
         if self._owner is None:
             return False
         left, right = self._owners(equality, winner), self._owners(equality, loser)
+        # Owners are cached by representative, and the winner stays one.
         if left != right:
             self._cached[winner] = left | right
         self._cached.pop(loser, None)
@@ -65,6 +66,7 @@ class Ownership:
         return owners
 
     def _owner_of(self, number: int) -> str | None:
+        # A blank node has no IRI that anybody could own.
         if self._owner is None or self._terms.is_blank(number):
             return None
         return self._owner(self._terms.iri(number))

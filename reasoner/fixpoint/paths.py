@@ -20,8 +20,10 @@ def transitive_property(rule: Rule) -> int | None:
     if len(rule.body) != 2 or rule.head is None:
         return None
     first, two = rule.body
+    # Either premise may be written first.
     if first.s == two.o:
         first, two = two, first
+    # That the ends differ spares only what a reflexive property has anyway.
     if rule.conditions and (
         rule.conditions != (Differ(first.s, two.o),) or rule.head.p not in REFLEXIVE_PREDICATES
     ):
@@ -57,6 +59,7 @@ def reachable(column: Column, most: int, work: Counter | None = None) -> Keys | 
     for number, members in enumerate(_components(after)):
         for member in members:
             component[member] = number
+        # A member of a cycle reaches itself.
         pairs: set[int] = set(members) if len(members) > 1 else set()
         onward = {o for member in members for o in after.get(member, ())}
         pairs |= onward
@@ -70,6 +73,7 @@ def reachable(column: Column, most: int, work: Counter | None = None) -> Keys | 
         pairs |= covered
         reach.append(pairs)
         total += len(pairs) * len(members)
+        # Asked while it grows: the pairs of a long chain would fill the memory first.
         if total > most:
             return None
         ids = np.fromiter(pairs, np.uint64, len(pairs))
@@ -88,6 +92,7 @@ def _components(after: dict[int, list[int]]) -> Iterator[list[int]]:
     for root in after:
         if root in index:
             continue
+        # No recursion: a path may be longer than Python's stack is deep.
         work = [(root, iter(after[root]))]
         index[root] = low[root] = len(index)
         open_nodes.append(root)
