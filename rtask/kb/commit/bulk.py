@@ -115,6 +115,7 @@ def bulk_add(
         _checkpoint(files, committer.last_seq)
         if files.folder is not None:
             discard_saved(files.folder)
+        # Killed from here on, the next start completes the load.
         _mark(files, graph, request.access)
         fresh: list[Quad] = []
         if isinstance(data, TripleText):
@@ -133,6 +134,7 @@ def bulk_add(
             raise
         with writer.exclusive():
             _checkpoint(files, committer.last_seq)
+            # Derived statements of a large load take minutes to find again after a crash.
             save = None if inference is None else inference.prepare_save(always=True)
         if save is not None:
             save()
@@ -149,6 +151,7 @@ def _add_text(
     fresh: list[Quad],
 ) -> set[GraphName]:
     store = files.store
+    # The store parses faster, but shows nothing of what it reads; a robot's statements are checked.
     checks_each = access.role == "robot" or not access.may_state_axioms
     if not isinstance(store, EmbeddedStore) or (checks_each and not committer.plain):
         with text.open() as stream:
@@ -203,6 +206,7 @@ def _add_quads(
             if right is not None:
                 if right.is_foreign(quad):
                     raise axiom_refused(quad, access, committer.graphs)
+                # What was there before the load is not withdrawn with it.
                 if quad not in store:
                     fresh.append(quad)
             if names_agents:
@@ -214,6 +218,7 @@ def _add_quads(
                 joined[name] = files.settings.is_merged and Graphs.is_joined(name)
             yield quad
             if joined[name]:
+                # The union has each triple beside the graph's own copy.
                 yield Quad(quad.subject, quad.predicate, quad.object, DEFAULT)
 
     try:
@@ -260,6 +265,7 @@ def finish_bulk(
             if len(missing) <= MAX_QUADS:
                 overlay.added.update(dict.fromkeys(missing))
             else:
+                # Too many for one commit: stored first, and then counted by the commit.
                 _add_derived(overlay.store, missing)
                 request = replace(request, recount=request.recount | {missing.graph})
     except BaseException:
@@ -284,6 +290,7 @@ def _require_identity(
     removed = dict.fromkeys(fresh)
     union = () if store.is_view else union_change(store, removed, ()).removed
     apply(store, Writes(QuadChain(removed, union)))
+    # What follows is compared with the store again, from which the load has gone.
     inference.difference()
     raise error
 
@@ -306,6 +313,8 @@ def complete(writer: Writer, files: Files, inference: Inference | None, access: 
     if name and not files.settings.plain:
         store = files.store
         if files.settings.is_merged:
+            # A killed load may have filled the graph and not the union; what both have is stored
+            # once.
             store.bulk_extend(
                 Quad(quad.subject, quad.predicate, quad.object)
                 for quad in store.quads_for_pattern(None, None, None, iri(name))
@@ -333,6 +342,8 @@ def _withdraw_merging(
     store, bound = committer.store, access.bind(committer.graphs)
     gone: list[Quad] = []
     with writer.exclusive():
+        # What is withdrawn may have hidden another merge; each round removes at least one
+        # statement.
         for _ in range(MAX_MERGES):
             missing, _surplus = inference.difference()
             pairs = merges_of_others(missing, bound, committer.graphs, store)

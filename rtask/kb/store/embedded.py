@@ -109,6 +109,7 @@ class EmbeddedStore(GraphStore):
                 return
             except (OSError, RuntimeError) as error:
                 if attempt + 1 == _ATTEMPTS or "lock" not in str(error).lower():
+                    # Reads go on while writes wait for room.
                     self._store = Store.read_only(self._path)
                     raise StorageFullError(f"the store cannot be written: {error}") from error
                 time.sleep(_PAUSE_S)  # nothing tells when the lock of the closed store is free
@@ -148,6 +149,7 @@ class EmbeddedStore(GraphStore):
 
     def _failed(self, error: RuntimeError) -> Exception:
         """Return the error for a failure of the store, distinguishing damaged files."""
+        # RocksDB writes the word with and without a capital.
         if "orruption" not in str(error):
             return error
         folder = Path(self._path).parent if self._path else Path()
@@ -233,8 +235,10 @@ class EmbeddedStore(GraphStore):
         self, subject: Subject, keys: list[TripleKey]
     ) -> dict[TripleKey, list[GraphName]] | None:
         """Return the graphs that hold triples of one subject; ``None`` if it has far more."""
+        # The store keeps some literals in another form than they were written in.
         exact = {(key[1], stored(key[2])): key for key in keys}
         holders: dict[TripleKey, list[GraphName]] = {key: [] for key in keys}
+        # Two that became one by that cannot be told apart in what is stored.
         if len(exact) < len(holders):
             return None
         predicates = {key[1] for key in keys}
@@ -242,6 +246,7 @@ class EmbeddedStore(GraphStore):
         left = _READ_EACH * len(keys) + _READ_MORE
         for quad in self.raw.quads_for_pattern(subject, predicate, None, None):
             left -= 1
+            # Far more is stored of this subject than is asked for: what a robot did grows for years.
             if left < 0:
                 return None
             key = exact.get((quad.predicate, quad.object))
@@ -263,6 +268,7 @@ class EmbeddedStore(GraphStore):
         """Return the number of triples in a named graph."""
         if not isinstance(graph, NamedNode):
             return sum(1 for _ in self.quads_for_pattern(None, None, None, graph))
+        # Counted in the store, no object of Python is made for each quad.
         text = f"SELECT (COUNT(*) AS ?n) {{ GRAPH {graph} {{ ?s ?p ?o }} }}"
         with self.complete(graph):
             rows = self.raw.query(text)
@@ -314,6 +320,7 @@ class EmbeddedStore(GraphStore):
             return
         rest = iter(quads)
         count = len(quads) if isinstance(quads, Sized) else 0
+        # Parts of one size: a small last one would be files of its own all the same.
         parts = max(1, round(count / _BULK))
         with self._changing():
             for _ in range(parts - 1):
@@ -335,6 +342,7 @@ class EmbeddedStore(GraphStore):
         try:
             self._apply_small(writes)
         except BaseException:
+            # What was copied may have followed a part of the change that the store took back.
             self._merged.drop()
             raise
         finally:
@@ -399,6 +407,7 @@ class EmbeddedStore(GraphStore):
             else:
                 self.raw.remove(quad)
         for quad in shared:
+            # Only after the named graphs let go can it be told what none of them holds.
             holders = self.quads_for_pattern(*triple_key(quad), None)
             if not any(Graphs.is_joined(holder.graph_name) for holder in holders):
                 self.raw.remove(quad)

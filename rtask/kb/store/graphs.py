@@ -90,6 +90,7 @@ class Graphs:
     @staticmethod
     def is_quarantine(graph: GraphName) -> bool:
         """Whether this is the quarantine graph of a knowledge base."""
+        # By its end alone, since data of another base may be loaded beside the own.
         return isinstance(graph, NamedNode) and graph.value.endswith("/graph/" + _QUARANTINE)
 
     @staticmethod
@@ -101,6 +102,7 @@ class Graphs:
         """Return the graph of a robot or person."""
         if not name:
             raise UsageError("the name of an agent is empty; give the robot's or person's name")
+        # Quoted whole: a slash in a name would reach into somebody else's graphs.
         return self._named("agent/" + quote(name, safe=""))
 
     def imported(self, name: str) -> NamedNode:
@@ -116,6 +118,7 @@ class Graphs:
         Teachers are ``{base}person/<name>``; all others, including callers of a server without
         tokens and the program that opened the store, are ``{base}robot/<name>``.
         """
+        # A robot and a person of the same name are two agents.
         folder = "person" if role == "teacher" else "robot"
         return iri(f"{self.base}{folder}/{quote(name, safe='')}")
 

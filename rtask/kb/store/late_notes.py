@@ -76,6 +76,7 @@ class LateNotes:
     @contextlib.contextmanager
     def reading(self) -> Iterator[None]:
         """Begin a read in this block: every note of every commit is in the store meanwhile."""
+        # This very thread is about to store them: to wait for itself would be for ever.
         if getattr(self._quiet, "is_on", False):
             yield
             return
@@ -96,6 +97,7 @@ class LateNotes:
         with self._storing:
             with self._gate:
                 self._is_excluding = self._is_behind = True
+                # Bounded: a reader that was killed between question and answer would never leave.
                 self._gate.wait_for(lambda: not self._readers, _MAX_DRAIN_S)
             try:
                 yield
@@ -152,6 +154,7 @@ class LateNotes:
                 if is_late:
                     self._is_behind = True
             if not is_late:
+                # A commit at once must not overtake notes of the ones before it.
                 self.flush()
             yield is_late
 
@@ -206,6 +209,7 @@ class LateNotes:
         if time.monotonic() - self._last < _REST_S:
             return False
         with self._storing:
+            # Asked again, now that no commit can come between.
             if time.monotonic() - self._last < _REST_S:
                 return False
             if self._store.is_open:
@@ -234,6 +238,7 @@ class _ReadingNow:
 def _flush_at_rest(reference: weakref.ref[LateNotes]) -> None:
     while True:
         time.sleep(_REST_S)
+        # A weak reference, so that a closed knowledge base is not kept alive by its own pause.
         notes = reference()
         if notes is None or notes.rested():
             return

@@ -67,6 +67,8 @@ class Holders:
             holders = self._store.holders_of_each(keys)
             with lock():
                 if self._writes == self._store.writes and self._touched is touched:
+                    # What others changed meanwhile was looked up before or after, and nobody knows
+                    # which.
                     for key in touched:
                         holders.pop(key, None)
                     self._graphs_of.update(holders)
@@ -83,6 +85,7 @@ class Holders:
 
     def _take(self, writes: Writes) -> None:
         size = len(writes.removed) + len(writes.added)
+        # A gap in the count of writes means a change that was not seen here.
         if writes.is_replacement or size > _MAX_TAKEN or self._writes + 1 != self._store.writes:
             return
         touched = {triple_key(quad) for quads in (writes.removed, writes.added) for quad in quads}
@@ -111,6 +114,7 @@ class Overlay:
     @cached_property
     def holders(self) -> Holders:
         """Graphs of the store that hold triples of the change."""
+        # One for the whole change: what a check looked up, the union need not look up again.
         return Holders(self.store)
 
     def is_empty(self) -> bool:
@@ -122,6 +126,7 @@ class Overlay:
 
     def remove(self, quad: Quad) -> None:
         """Remove a quad if present."""
+        # It may also be stored, but a pending quad is only ever pending because it was not.
         if quad in self.added:
             del self.added[quad]
         elif quad in self.store:
@@ -144,6 +149,7 @@ class Overlay:
             graph = quad.graph_name
             if graph not in is_gone:
                 self.create(graph)
+                # Where a graph is replaced, every look-up would find what goes anyway.
                 going = sum(other.graph_name == graph for other in removed)
                 is_gone[graph] = going == store.count(graph)
             if quad in removed:

@@ -53,6 +53,7 @@ class Snapshots:
         self._number = 0
         self._snapshots: list[Snapshot] = []
         if not frozen:
+            # No reader survived the process that made these.
             shutil.rmtree(self._home, ignore_errors=True)
 
     def take(self, at_least: int) -> Snapshot:

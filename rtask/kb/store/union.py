@@ -63,6 +63,7 @@ def union_change(
     looked_up = []
     for key, quad in new.items():
         in_union = Quad(*key, DEFAULT)
+        # Of a new graph nothing can be stored, so the union is asked about the others alone.
         if quad.graph_name in fresh:
             change.added[in_union] = None
         else:
@@ -75,6 +76,7 @@ def union_change(
 
 def is_empty(store: GraphStore) -> bool:
     """Whether the union holds nothing, as in a new knowledge base."""
+    # A count would read everything.
     return next(iter(store.quads_for_pattern(None, None, None, DEFAULT)), None) is None
 
 
@@ -130,6 +132,7 @@ def _lost(
         Triples that are not lost in any case.
     """
     losers: dict[TripleKey, list[GraphName]] = {}
+    # One change may take a triple from several graphs.
     for quad in gone:
         key = triple_key(quad)
         if not any(key in more for more in kept):
@@ -146,6 +149,7 @@ def _lost(
     for key, losing in losers.items():
         for graph in holders.of(key):
             if graph not in losing and counts[graph]:
+                # Still asserted elsewhere.
                 break
         else:
             lost.append(key)
@@ -171,6 +175,7 @@ def remaining(
         if lost and lost == store.count(graph):
             continue
         quads = store.quads_for_pattern(None, None, None, graph)
+        # Nothing of this graph goes, so nothing has to be compared.
         if not lost:
             yield from quads
             continue

@@ -64,6 +64,7 @@ def as_update(writes: Writes) -> tuple[list[str], Functions]:
         ground, blank = _split(quads)
         if ground:
             operations.append(f"{verb} DATA {{ {_data(ground)} }}")
+        # A function's answer cannot be the default graph, so it takes an update of its own.
         for in_default in (False, True):
             chosen = [q for q in blank if isinstance(q.graph_name, DefaultGraph) == in_default]
             if chosen:
@@ -78,6 +79,7 @@ def _split(quads: Iterable[Quad]) -> tuple[list[Quad], list[Quad]]:
     ground: list[Quad] = []
     blank: list[Quad] = []
     for quad in quads:
+        # In SPARQL text a blank node is a variable; only a custom function can name one.
         named = is_ground(quad.subject) and is_ground(quad.object) and is_ground(quad.graph_name)
         (ground if named else blank).append(quad)
     return ground, blank
@@ -103,6 +105,7 @@ def _by_functions(
     binds = []
     for name, attribute in _PARTS[: 3 if in_default else 4]:
         terms = [getattr(quad, attribute) for quad in quads]
+        # Bound as a default, or every function would answer for the last part.
         functions[NamedNode(prefix + name)] = lambda i, terms=terms: terms[int(i.value)]
         binds.append(f"BIND(<{prefix}{name}>(?i) AS ?{name})")
     numbers = " ".join(map(str, range(len(quads))))
