@@ -104,6 +104,7 @@ class Lanes:
         try:
             return query.encode()
         except RtaskError:
+            # The thread meets the error again, and answers it.
             return None  # the thread meets it again and answers it
 
     def after_pipe(self, job: Job, outcome: Answer | ReaderStream | Instead) -> Response | None:
@@ -140,6 +141,7 @@ class Lanes:
             assert plan.query is not None
             plan.run = partial(plan.query.resume, stream)
         if plan.elsewhere is not None:
+            # Its threads are its own: to wait for it here would hold up one of ours.
             return self._submit_elsewhere(job, plan.elsewhere)
         if plan.lane == "point":
             return self._submit_quick(job)
@@ -167,6 +169,8 @@ class Lanes:
                 answer.set_result(self._run(job))
             except SlowerThanItLooksError:
                 self._demote(job)
+                # A second future would lose the caller's cancellation; the first is answered from
+                # there.
                 self._long.submit(second)
             except BaseException as error:  # noqa: BLE001 - the future carries it
                 answer.set_exception(error)
@@ -184,6 +188,7 @@ class Lanes:
     def _demote(job: Job) -> None:
         """Move a query that took longer than it looked among the long ones."""
         assert job.plan.query is not None
+        # It keeps its place among the caller's requests, but not a thread of the quick ones.
         job.plan.run, job.plan.lane = job.plan.query.run, "query"
 
     def close(self, *, wait: bool) -> None:

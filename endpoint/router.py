@@ -175,6 +175,7 @@ class Router:
         if not match.routes:
             raise self._nothing_at(address)
         first = match.routes[0]
+        # A caller of some graphs only may not even learn what an address takes that reads all.
         if caller.access.reads is not None and not first.limited:
             raise limited_refusal(address)
         if first.handler == "operation" and _opens_form(request):
@@ -184,10 +185,13 @@ class Router:
             require_method(request, match.allow, first.advice)
             raise self._nothing_at(address)
         effects = self._effects(request, address)
+        # Before the right is looked at: a flood of refused calls costs as much as one of answered.
         changes = sum(effect != "reads" for effect in effects)
         self._context.limiter.admit_calls(caller, len(effects), changes)
         self._context.rights.require(route.right, request, caller)
         handler = self._handlers.get(route.handler)
+        # Its handler lives in another part of the server: a stream, which does not come through
+        # here.
         if handler is None:  # a stream, which does not come through here
             raise self._nothing_at(address)
         return handler(request, caller, address)
@@ -200,6 +204,7 @@ class Router:
         """Return the effect of each call in a request; only messages of agents hold several."""
         route = find(address).by(request.method)
         if route is None:
+            # A refused method does nothing to the graph.
             return ["reads"]
         if route.effect != "declared":
             return [route.effect]
@@ -213,6 +218,7 @@ class Router:
             called = [tool_called(message) for message in messages_in(request)]
             return ["reads" if name is None else effect_of(name) for name in called]
         try:
+            # An unknown service is refused later, with its name; that does nothing either.
             definition, method = self._called(address)
         except RtaskError:
             return ["reads"]
@@ -250,6 +256,8 @@ class Router:
         elif route.handler in ("agents", "tools"):
             program = program_of(caller.key, request)
             for message in messages_in(request):
+                # Only where the call is under way can it be cancelled, and that is known here
+                # alone.
                 if any(not self._calls.has(program, call) for call in cancelled(message)):
                     yield "writer"  # the call is under way there
                 name = tool_called(message)
@@ -337,6 +345,7 @@ class Router:
 
     def _protocol(self, request: Request, caller: Caller, address: str) -> Plan:
         context, kinds = self._context, _kinds(find(address))
+        # Before anything is parsed: a repeated question costs a look into a dictionary.
         cached = self.asked.cache.find(request, caller.access)
         if cached is not None:
             return cached
@@ -357,6 +366,7 @@ class Router:
 
 def _kinds(match: Match) -> tuple[str, ...]:
     """Return the kinds of SPARQL that an address takes."""
+    # An address that takes both kinds has a line for each; the widest decides what is parsed.
     return max((_KINDS[route.effect] for route in match.routes if route.effect in _KINDS), key=len)
 
 

@@ -55,11 +55,16 @@ class Buckets:
             return 0.0
         with self._lock:
             now = self._clock()
+            # Whoever is new, or was forgotten, starts with a full bucket.
             level, seen = self._levels.pop(caller, (self._burst, now))
             level = min(self._burst, level + (now - seen) * self.rate)
+            # More than a bucket ever holds would wait for ever: it is let through once the bucket
+            # is full.
             needed = min(float(count), self._burst)
             wait = 0.0 if level >= needed else (needed - level) / self.rate
+            # May fall below zero for a large request, which the next ones then wait off.
             self._levels[caller] = (level - count if wait == 0.0 else level, now)
+            # The longest unseen has a full bucket by now, so that forgetting it changes nothing.
             if len(self._levels) > _MAX_CALLERS:
                 self._levels.popitem(last=False)
         return wait
@@ -140,6 +145,7 @@ class Limiter:
         """Admit a request if no limit is reached; call :meth:`leave` when it has ended."""
         if caller.access.role == "anonymous":
             return True
+        # The order matters: a request over the rate must not be counted in.
         return not self._requests.take(caller.key) and self._in_flight.enter(caller.key)
 
     def leave(self, caller: Caller) -> None:
@@ -149,6 +155,7 @@ class Limiter:
 
     def admit_stranger(self, address: str) -> None:
         """Rate-limit unauthenticated callers by their address; raises as :meth:`admit` does."""
+        # Left at once: a stranger's request is refused before it does any work.
         self._admit(f"stranger {address}")()
 
     def _admit(self, caller: str) -> Callable[[], None]:
@@ -172,6 +179,7 @@ class Limiter:
         if caller.access.role == "anonymous":
             return
         for buckets, count, what in (
+            # The request itself was counted when it came.
             (self._writes, changes, "changes"),
             (self._requests, calls - 1, "requests"),
         ):

@@ -215,6 +215,7 @@ class TokenStore:
             raise UsageError(f"a token of role {role} needs the name of its {role}")
         now = datetime.now(UTC)
         expires = (now + lifetime).isoformat() if lifetime else None
+        # In one order, so that equal rights are equal rows.
         granted = tuple(sorted(set(rights)))
         token = Token(secrets.token_hex(6), agent, role, now.isoformat(), expires, rights=granted)
         require_rights(token)
@@ -226,6 +227,7 @@ class TokenStore:
                 (token.id, _digest(secret), agent, role, token.created, expires, _joined(granted)),
             )
         self._ever_issued = True
+        # Once one token is limited, a caller without one may no longer read everything.
         self._ever_limited |= token.access.reads is not None
         self._stands_until = -math.inf
         return f"rtk_{token.id}_{secret}", token
@@ -250,6 +252,7 @@ class TokenStore:
         if cached is not None and cached.is_valid(time.time()):
             return cached
         token = self._look_up(text)
+        # Bounded, since anybody may send texts that look like tokens.
         if len(tokens) < _MAX_REMEMBERED:
             tokens[shown] = token
         return token
@@ -257,6 +260,7 @@ class TokenStore:
     def _look_up(self, text: str) -> Token:
         match = _TOKEN.fullmatch(text)
         row = self._row(match.group(1)) if match else None
+        # Compared even without a row, or the time taken would tell which ids exist.
         digest = row[1] if row else bytes(32)
         secret = match.group(2) if match else ""
         if not hmac.compare_digest(digest, _digest(secret)) or row is None:
@@ -314,6 +318,8 @@ class TokenStore:
         now = self._clock()
         if now >= self._check_again:
             self._check_again = now + CHECK_EVERY_S
+            # SQLite counts commits at this offset of its file, so no query is needed to see a
+            # change.
             self._file_version = os.pread(self._handle, 4, 24)
         return self._file_version
 
@@ -352,6 +358,7 @@ class TokenStore:
 
     def _look(self) -> None:
         now = time.monotonic()
+        # Neither answer ever turns back, so both are asked only until they are yes.
         if self._ever_limited or now < self._look_again:
             return
         self._look_again = now + _LOOK_EVERY_S
@@ -384,6 +391,7 @@ class TokenStore:
     def replace(self, rows: Iterable[Sequence[str | None]]) -> None:
         """Take over the tokens of another store, as :meth:`rows` gives them."""
         values = [(row[0], bytes.fromhex(row[1] or ""), *row[2:]) for row in rows]
+        # In one transaction: between the two nobody would be let in.
         with self._lock, self._connection() as connection:
             connection.execute("DELETE FROM tokens")
             connection.executemany("INSERT INTO tokens VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
@@ -432,6 +440,7 @@ class TokenStore:
             return
         connection = getattr(self._local, "connection", None)
         if connection is None:
+            # Closed by another thread than its own, when the server ends.
             connection = sqlite3.connect(str(self._path), check_same_thread=False)
             self._local.connection = connection
             self._open.append(connection)

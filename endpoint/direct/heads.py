@@ -122,15 +122,18 @@ class Heads:
                 return None
         revision = self._tokens.revision()
         if revision != self._revision:
+            # A token that was revoked must not be let in by what its header meant before.
             self._known.clear()
             self._revision = revision
         key = (origin, *relevant)
         head = self._known.get(key)
         if head is None:
+            # Remembered as one that needs a closer look; or too long to be remembered.
             if key in self._known or sum(len(value) for _, value in relevant) > _MAX_BYTES:
                 return None
             head = self._meaning(origin, relevant)
             if len(self._known) >= _MAX_HEADS:
+                # Emptied as a whole, since a robot's few headers are back after one request each.
                 self._known.clear()
             self._known[key] = head
         elif head.expires_at <= time.time():
@@ -142,6 +145,7 @@ class Heads:
         context = self._application.context
         kb, config = context.kb, context.config
         headers = {name.decode(): value.decode("latin-1") for name, value in fields}
+        # A field that comes twice has no single meaning.
         if not isinstance(kb, KnowledgeBase) or len(headers) < len(fields):
             return None
         place = _place(method, headers.get("content-type", ""))

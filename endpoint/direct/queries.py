@@ -121,6 +121,8 @@ class QuickQueries:
         if head is None or (text := _text(exchange, head)) is None:
             return False
         judgement = self._judge(text)
+        # A limit that is reached is refused elsewhere, with its words; here nothing may have
+        # happened.
         context = self._context
         if not judgement.form or text in self._asked.slow or not context.queries.has_room:
             return False
@@ -153,6 +155,7 @@ class QuickQueries:
         if cached is not None:
             self._send(asked, cached.fields, cached.response.body, version)
             return
+        # An answer that differs each time, by NOW() or RAND(), is neither tagged nor kept.
         etag, keep = "", None
         if judgement.is_steady:
             etag = versions.of_query(text, (), (), True, head.request.url, head.media_type)
@@ -166,6 +169,7 @@ class QuickQueries:
         )
         exchange.running = running
         running.on_stop(partial(call_soon, channel.loop, query.give_up))
+        # Raced by others since the first look: the application says that there is no room.
         if self._context.queries.try_begin(running):
             self._points.ask(query)
         else:
@@ -182,6 +186,7 @@ class QuickQueries:
     ) -> None:
         """Send an answer that has come, if it is small; leave all else to the application."""
         self._context.queries.end(running)
+        # A large answer is sent in pieces, at the pace of its reader.
         if not isinstance(outcome, Answer) or len(outcome.body) > UNHURRIED_BYTES:
             self._leave(asked, running, outcome)
             return
@@ -205,6 +210,7 @@ class QuickQueries:
         )
         job.started = asked.started
         exchange.running = job.plan.running
+        # Stopped between the two: the new query would not have heard of it.
         if job.plan.running is not None and running.stopped:
             job.plan.running.stop()
         asked.channel.resume(exchange, job, outcome)

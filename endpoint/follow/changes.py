@@ -106,6 +106,7 @@ class Changes:
             self._admit(caller)
             number = request.path.removeprefix(f"{JOBS}/").strip("/")
             following = context.following
+            # The job runs where it was begun, and only there are its events.
             if following is not None and not context.services.jobs.has(number, caller.key):
                 return following.redirect(request)
             return JobStream(self, context.services, request, caller)
@@ -122,6 +123,7 @@ class Changes:
         return Stream(self, request, caller)
 
     def _admit(self, caller: Caller) -> None:
+        # Without tokens every program has the same key, and one cannot use up the room of another.
         own = self._held[caller.key] if caller.token else 0
         if own >= MAX_STREAMS_PER_CALLER or len(self) >= MAX_STREAMS:
             raise RefusedError(
@@ -134,6 +136,7 @@ class Changes:
     def _commit(self, number: str) -> Response:
         """Return one whole commit, for followers whose event was truncated."""
         feed = self._kb.feed
+        # A number of more digits is no commit, and would be slow to read.
         seq = int(number) if number.isdecimal() and len(number) < 18 else -1
         changes = list(feed.changes(seq - 1, seq)) if 0 < seq <= feed.last_seq else []
         if not changes:
@@ -210,6 +213,8 @@ class Changes:
         try:
             return Follower(self._kb, patterns, since, on_ready), None
         except (GoneError, EpochChangedError) as error:
+            # A client that came anew is refused; one that resumes hears of the gap, and goes on
+            # from now.
             if not resumed:
                 raise
             return Follower(self._kb, patterns, now, on_ready), error
@@ -271,6 +276,7 @@ class Stream(EventStream):
                 for change in changes:
                     position = self._changes.position(change.commit.seq)
                     yield event("change", change_data(change), position)
+                # A comment line now and then, so that proxies do not take silence for an end.
                 if not changes and not await self.wait():
                     yield b": still here\n\n"
         except Lagged as error:

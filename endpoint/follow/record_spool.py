@@ -87,6 +87,7 @@ class RecordSpool:
         self._thread: threading.Thread | None = None
         self._db = sqlite3.connect(file, check_same_thread=False, isolation_level=None)
         self._db.execute("PRAGMA journal_mode=WAL")
+        # Faster than FULL, and a record that was answered is lost by a failing machine at most.
         self._db.execute("PRAGMA synchronous=NORMAL")
         self._db.execute("CREATE TABLE IF NOT EXISTS records (number INTEGER PRIMARY KEY, text)")
         row = self._db.execute("SELECT COUNT(*), COALESCE(SUM(LENGTH(text)), 0) FROM records")
@@ -100,6 +101,7 @@ class RecordSpool:
     def put(self, record: Mapping[str, Any], author: Access) -> None:
         """Keep a record until the writer has it."""
         entry = {
+            # The writer stores each id once, so that a batch may be sent again.
             "id": uuid7().hex, "agent": author.agent, "role": author.role, "record": record,
         }  # fmt: skip
         text = json.dumps(entry)
@@ -126,6 +128,7 @@ class RecordSpool:
         return self._db.execute(query, (count,)).fetchall()
 
     def _delete(self, rows: Sequence[Row]) -> None:
+        # Row by row, as the oldest may have been dropped while they were sent.
         for number, text in rows:
             done = self._db.execute("DELETE FROM records WHERE number = ?", (number,))
             if done.rowcount:  # else it was dropped while it was being sent
@@ -154,6 +157,7 @@ class RecordSpool:
                 continue
             self._outage.ended()
             self._report(refused)
+            # Only now: killed before this line, they are sent again.
             with self._changed:
                 self._delete(rows)
                 self._changed.notify_all()
@@ -195,6 +199,7 @@ class RecordSpool:
                 left_s = end - time.monotonic()
                 if left_s <= 0 or self._is_closed or self._outage.is_on:
                     return False
+                # Also without a sign from the sender, since an outage may begin.
                 self._changed.wait(min(left_s, 0.1))
         return True
 

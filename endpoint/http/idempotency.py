@@ -64,11 +64,13 @@ class IdempotencyKeys:
         key = request.headers.get(HEADER)
         if key is None:
             return lambda: carry_out(args)
+        # Clients send it as a structured string, in quotes, or as a plain one.
         key = key.strip().strip('"')
         if not _KEY.fullmatch(key):
             raise UsageError("Idempotency-Key: expected 1 to 200 letters, digits and . _ : -")
         name = (agent, operation, key)
         self._refuse_other_body(name, hashlib.sha256(request.body).digest())
+        # Stored with the change itself, the key survives a restart.
         if ids is not None and ids.applies_to(args):
             keyed = ids.filled(args, lambda end: f"{key}{end}")
             return lambda: carry_out(keyed)
@@ -96,11 +98,13 @@ class IdempotencyKeys:
             first = self._answers.setdefault(name, mine)
             while len(self._answers) > MAX_KEYS:
                 self._answers.popitem(last=False)
+        # The first one may still be at work: both get the same answer.
         if first is not mine:
             return first.result()
         try:
             mine.set_result(run())
         except BaseException as error:
+            # A failure is not an answer: the next attempt with this key may succeed.
             with self._lock:
                 self._answers.pop(name, None)
             mine.set_exception(error)

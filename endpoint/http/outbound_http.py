@@ -66,6 +66,7 @@ class Outgoing:
             plain = url.isprintable() and not any(mark in url.lower() for mark in _CLIMBING)
             for entry in self.allowed:
                 stem = entry.rstrip("/")
+                # A stem alone would also allow its longer brothers: /data2 for /data.
                 extends = url in (entry, stem) or url.startswith((stem + "/", stem + "?"))
                 if plain and extends and not parts.path.endswith(("/..", "/.")):
                     return entry
@@ -130,6 +131,7 @@ class Outgoing:
                 address=url,
             )
         pieces, size = [], 0
+        # In small pieces, so that a slow sender cannot outlast the deadline.
         while piece := answer.read1(_PIECE):
             size += len(piece)
             if size > MAX_BYTES:
@@ -152,6 +154,7 @@ class Outgoing:
             ) from None
         addresses = [str(info[4][0]) for info in resolved]
         named = _is_literal(urlsplit(entry).hostname or "")
+        # All of them: a name may mean a public address and one of this network at once.
         for address in addresses:
             if not named and not ipaddress.ip_address(address.partition("%")[0]).is_global:
                 raise ForbiddenError(
@@ -159,6 +162,7 @@ class Outgoing:
                     "allow it by its number",
                     operation=self.operation,
                 )
+        # The address that was checked, since a second look-up may give another.
         return addresses[0]
 
 

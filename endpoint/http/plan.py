@@ -51,6 +51,7 @@ class RunningQuery:
         with self._lock:
             self._stop = stop
             late = self.stopped
+        # Outside of the lock: it may end the query, which asks for the lock.
         if late:
             stop()
 

@@ -89,6 +89,7 @@ class AnswerCache:
 
     def find(self, request: Request, access: Access) -> Plan | None:
         """Return the plan of a request whose answer is kept for callers of these rights."""
+        # HEAD has no body to be kept.
         if self._kb is None or request.method == "HEAD":
             return None
         entry = self.lookup(_key(request, access))
@@ -104,6 +105,7 @@ class AnswerCache:
         if kb is None:
             return None
         with self._lock:
+            # Any commit may change any answer; to find out which is dearer than to ask again.
             if self._version != (version := self._current(kb)):
                 self._entries.clear()
                 self.bytes = 0
@@ -142,8 +144,10 @@ class AnswerCache:
         version = self._current(kb)
 
         def keep(response: Response) -> None:
+            # Sent in pieces, it is in memory at no time as a whole.
             if response.status != 200 or response.chunks is not None:
                 return
+            # A commit came in between: the answer may be of before or of after it.
             if len(response.body) <= MAX_ANSWER_BYTES and self._current(kb) == version:
                 plan = Plan(lambda: response, None, "loop", form, text)
                 fields = encode_fields(response.header_list())
@@ -155,6 +159,7 @@ class AnswerCache:
 
     def _keep(self, key: Key, version: Version, entry: CachedAnswer) -> None:
         with self._lock:
+            # The same question may have been answered twice at once.
             if self._version != version or key in self._entries:
                 return
             self._entries[key] = entry
@@ -175,6 +180,7 @@ def key_part(request: Request, access: Access) -> Part:
     """Return the part of a key that does not depend on the question."""
     headers = request.headers
     given = (headers.get(name, "") for name in _HEADERS)
+    # All callers without such limits see the same statements and share their answers.
     if access.reads is None:
         return (request.method, request.site, *given)
     return (request.method, request.site, *given, *sorted(access.reads))

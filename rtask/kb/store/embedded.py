@@ -246,7 +246,7 @@ class EmbeddedStore(GraphStore):
         left = _READ_EACH * len(keys) + _READ_MORE
         for quad in self.raw.quads_for_pattern(subject, predicate, None, None):
             left -= 1
-            # Far more is stored of this subject than is asked for: what a robot did grows for years.
+            # Far more is stored of this subject than is asked for: what robots did grows.
             if left < 0:
                 return None
             key = exact.get((quad.predicate, quad.object))
