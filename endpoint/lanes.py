@@ -169,8 +169,7 @@ class Lanes:
                 answer.set_result(self._run(job))
             except SlowerThanItLooksError:
                 self._demote(job)
-                # A second future would lose the caller's cancellation; the first is answered from
-                # there.
+                # The same future goes on, so that nobody who waits for it has to know.
                 self._long.submit(second)
             except BaseException as error:  # noqa: BLE001 - the future carries it
                 answer.set_exception(error)
@@ -188,7 +187,6 @@ class Lanes:
     def _demote(job: Job) -> None:
         """Move a query that took longer than it looked among the long ones."""
         assert job.plan.query is not None
-        # It keeps its place among the caller's requests, but not a thread of the quick ones.
         job.plan.run, job.plan.lane = job.plan.query.run, "query"
 
     def close(self, *, wait: bool) -> None:

@@ -64,7 +64,7 @@ class Buckets:
             wait = 0.0 if level >= needed else (needed - level) / self.rate
             # May fall below zero for a large request, which the next ones then wait off.
             self._levels[caller] = (level - count if wait == 0.0 else level, now)
-            # The longest unseen has a full bucket by now, so that forgetting it changes nothing.
+            # Likeliest to have a full bucket by now, with which it would start again.
             if len(self._levels) > _MAX_CALLERS:
                 self._levels.popitem(last=False)
         return wait

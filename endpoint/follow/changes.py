@@ -123,7 +123,7 @@ class Changes:
         return Stream(self, request, caller)
 
     def _admit(self, caller: Caller) -> None:
-        # Without tokens every program has the same key, and one cannot use up the room of another.
+        # Programs without a token share a key: a bound on one would be a bound on all.
         own = self._held[caller.key] if caller.token else 0
         if own >= MAX_STREAMS_PER_CALLER or len(self) >= MAX_STREAMS:
             raise RefusedError(
@@ -136,7 +136,7 @@ class Changes:
     def _commit(self, number: str) -> Response:
         """Return one whole commit, for followers whose event was truncated."""
         feed = self._kb.feed
-        # A number of more digits is no commit, and would be slow to read.
+        # A longer number is no commit, and a very long one is slow to read.
         seq = int(number) if number.isdecimal() and len(number) < 18 else -1
         changes = list(feed.changes(seq - 1, seq)) if 0 < seq <= feed.last_seq else []
         if not changes:

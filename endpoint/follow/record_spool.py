@@ -87,7 +87,7 @@ class RecordSpool:
         self._thread: threading.Thread | None = None
         self._db = sqlite3.connect(file, check_same_thread=False, isolation_level=None)
         self._db.execute("PRAGMA journal_mode=WAL")
-        # Faster than FULL, and a record that was answered is lost by a failing machine at most.
+        # A killed process loses nothing by it, a failing machine the last records at most.
         self._db.execute("PRAGMA synchronous=NORMAL")
         self._db.execute("CREATE TABLE IF NOT EXISTS records (number INTEGER PRIMARY KEY, text)")
         row = self._db.execute("SELECT COUNT(*), COALESCE(SUM(LENGTH(text)), 0) FROM records")
@@ -100,8 +100,8 @@ class RecordSpool:
 
     def put(self, record: Mapping[str, Any], author: Access) -> None:
         """Keep a record until the writer has it."""
+        # The writer stores each id once, so that a batch may be sent again.
         entry = {
-            # The writer stores each id once, so that a batch may be sent again.
             "id": uuid7().hex, "agent": author.agent, "role": author.role, "record": record,
         }  # fmt: skip
         text = json.dumps(entry)

@@ -123,6 +123,7 @@ class Access:
                 f"{min(graphs)!r} limits what is read, and a {self.role} may read all; "
                 "give it to a reader"
             )
+        # A right to read some graphs is void beside one that reads everything.
         if self.rights != graphs:
             other = min(self.rights - graphs)
             raise UsageError(f"{other!r} reads all graphs; give it and {min(graphs)!r} apart")
@@ -157,6 +158,7 @@ class Access:
         if self.plain:
             return DEFAULT
         graphs = self._bound()
+        # Unnamed callers share a graph, so that what they state has a place of its own.
         return graphs.agent(self.agent) if self.agent else graphs.shared
 
     def may_write(self, graph: GraphName) -> bool:
@@ -166,6 +168,7 @@ class Access:
         if self.plain:
             return True
         graphs = self._bound()
+        # Before the role: not even an administrator writes what the reasoner derives.
         if not isinstance(graph, NamedNode) or graphs.is_system(graph):
             return False
         if graph == graphs.rules:
@@ -173,6 +176,7 @@ class Access:
         if self.role in ("robot", "teacher"):
             return graphs.owner(graph) == self.agent
         if self.role == "anonymous":
+            # An open server lets anybody add data, but not change what all data mean.
             return self.is_ontology is None or not self.is_ontology(graph)
         return True
 
@@ -216,6 +220,7 @@ class Access:
         if self.of_owner or acting is None:
             return
         name = acting[1]
+        # Whoever stands beside the robot may confirm, and is called its operator.
         if name in (self.agent, unnamed_person(self.agent or "")):
             return
         raise ForbiddenError(

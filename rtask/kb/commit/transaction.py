@@ -88,6 +88,7 @@ class Transaction:
     ) -> None:
         overlay, self._overlay = self._pending(), None
         if kind is not None:
+            # An error inside the block leaves nothing behind.
             self._writer.cancel()
             return
         self._commit = self._writer.finish(overlay, self._request)
@@ -184,6 +185,7 @@ class Transaction:
         if as_read:
             self._pending().add_all(quads)
             return
+        # Everything asserted has an owner, which is told from its graph.
         where = self.home if graph is None else iri(graph)
 
         def named() -> Iterator[Quad]:
@@ -244,6 +246,7 @@ class Transaction:
         self, data: bytes | Path | BinaryIO, media_type: str, graph: NamedNode | str | None = None
     ) -> NamedNode:
         """Store bytes and describe them; return the IRI that names them."""
+        # Bytes first: a statement must never name what is not stored.
         blob = self._blobs.put(data, media_type)
         for subject, predicate, value in blob.statements():
             self.add(subject, predicate, value, graph)

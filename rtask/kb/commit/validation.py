@@ -76,6 +76,7 @@ def shape_files(shapes: Path | str | Iterable[Path | str]) -> tuple[Path, ...]:
     """
     listed = [shapes] if isinstance(shapes, Path | str) else list(shapes)
     files = tuple(Path(file) for file in listed)
+    # Read now, since an error in a file of shapes should not wait for the first commit.
     for file in files:
         try:
             left_out = read_shapes((file,), bundled=False).left_out
@@ -168,6 +169,7 @@ class Validator:
         ValidationError
             If a node violates a shape; ``results`` lists the violations and nothing is stored.
         """
+        # Shapes see what holds after the commit: what is derived belongs to it.
         whole = Overlay(self._store)
         for part in (change, derived):
             whole.removed.update(dict.fromkeys(part.removed))
@@ -186,6 +188,7 @@ class Validator:
     def _shapes(self, change: Overlay) -> list[Shapes]:
         """Return the shapes that hold before a change; its own bind the commits after it."""
         if self._loaded is None:
+            # A robot's own graph may hold shapes, but they must not refuse what others write.
             apart = unprivileged_graphs(self._graphs, self._store.named_graphs())
             self._loaded = of_graphs(self._store, {self._graphs.inferred, *apart}).local()
         loaded, changed = self._loaded, (*change.added, *change.removed)
@@ -203,6 +206,7 @@ class Validator:
             return
         definitions = without_targets(shapes.definitions(chosen))
         targets = {role for shape in chosen for role in shape.targets}
+        # A node may be touched only as the value of another, whose shape looks at it.
         focus = [node for node, violations in roles.items() if not violations.isdisjoint(targets)]
         depth = max(shape.depth for shape in chosen)
         violations: list[Violation] = []

@@ -93,6 +93,7 @@ class Writer:
         return len(since), time.monotonic() - min(since) if since else 0.0
 
     def _acquire(self) -> None:
+        # Without contention there is nothing to be counted.
         if self._lock.acquire(blocking=False):
             return
         thread = threading.get_ident()
@@ -154,8 +155,10 @@ class Writer:
                 self._unannounced.append(change)
         finally:
             self.cancel()
+        # Nothing changed, so there is nothing to wait for.
         if change.commit.seq == before:
             return change.commit
+        # After the lock was released: several commits share one call to the disk.
         self.committer.journal.sync(change.commit.seq)
         self._announce(change.commit.seq)
         self.checkpoint_if_due()

@@ -114,6 +114,7 @@ class BlobStore:
         try:
             return self._put_file(self._folder, data, media_type)
         except OSError as error:
+            # No room for a new file need not mean that the bytes are not there already.
             if not means_full(error):
                 raise
             stored = self._stored(data, media_type) if isinstance(data, bytes) else None
@@ -142,6 +143,7 @@ class BlobStore:
             If the disk is full; what was written until then is deleted.
         """
         every = list(contents)
+        # One sync of the file system costs more than a few of single files.
         if len(every) < _MANY or self._folder is None or not self._writable:
             return [self.put(data) for data in every]
         digests = [hashlib.sha256(data).hexdigest() for data in every]
@@ -162,6 +164,7 @@ class BlobStore:
         finally:
             for temporary in temporaries:
                 temporary.unlink(missing_ok=True)
+        # Once more for the names.
         _sync_file_system(self._folder)
         kind = "application/octet-stream"
         return [Blob(name, len(data), kind) for name, data in zip(digests, every, strict=True)]
@@ -171,6 +174,7 @@ class BlobStore:
         digest, size = hashlib.sha256(), 0
         try:
             with temporary.open("xb") as out:
+                # Hashed while it is written: a stream can be read only once.
                 for chunk in _chunks(data):
                     digest.update(chunk)
                     size += len(chunk)

@@ -34,6 +34,7 @@ def means_full(error: BaseException) -> bool:
     while at is not None:
         if isinstance(at, StorageFullError) or getattr(at, "errno", None) in _FULL:
             return True
+        # RocksDB reports it in words alone.
         if "No space left" in str(at) or "Disk quota exceeded" in str(at):
             return True
         at = at.__cause__
@@ -42,6 +43,7 @@ def means_full(error: BaseException) -> bool:
 
 def full_disk(folder: Path, purpose: str) -> StorageFullError:
     """Return the error for a full disk, with the place and the room that is left there."""
+    # The folder itself may be what could not be made.
     there = next((p for p in (folder, *folder.absolute().parents) if p.exists()), Path("/"))
     free = shutil.disk_usage(there).free
     return StorageFullError(
@@ -68,9 +70,11 @@ class Reserve:
         try:
             if self._path.exists() and self._path.stat().st_size == RESERVE_BYTES:
                 return
+            # A reserve that fills the disk would cause what it is for.
             if shutil.disk_usage(self._path.parent).free < 2 * RESERVE_BYTES:
                 return
             with self._path.open("wb") as file:
+                # A file of holes occupies nothing.
                 if hasattr(os, "posix_fallocate"):
                     os.posix_fallocate(file.fileno(), 0, RESERVE_BYTES)
                 else:

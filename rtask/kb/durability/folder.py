@@ -80,6 +80,7 @@ class Files:
     @property
     def is_frozen(self) -> bool:
         """Whether the store is never written while it is open."""
+        # A branch takes writes of its own, and a copy follows those of the original.
         if self.is_branch or isinstance(self.held, PrivateCopy):
             return False
         return self.checkpoints is None
@@ -193,6 +194,7 @@ def _open_locked(
     except BaseException:
         store.close()
         raise
+    # Last of all, so that opening itself has the room.
     checkpoints.reserve.take()
     return Files(
         recovered.settings,
@@ -217,6 +219,7 @@ def open_for_reading(folder: Path, settings: Settings) -> Files:
     try:
         lock = _lock(folder, shared=True)
     except StoreLockedError as error:
+        # Somebody writes: the state at some commit is read instead, without waiting for the end.
         held = hold_newest(folder)
         if held is None:
             raise
@@ -231,6 +234,7 @@ def open_for_reading(folder: Path, settings: Settings) -> Files:
                 reason.strerror,
             )
             return _open_snapshot(folder, settings, held)
+        # The copy is made of it; from here on it lives by itself.
         held.release()
         return _open_copy(folder, settings, copy)
     try:

@@ -253,8 +253,10 @@ class JournalFile:
     def withdraw(self) -> None:
         """Remove the last record, whose number is then reused."""
         with self._syncing:
+            # The number is used again, so no reader may ever meet a record that was taken back.
             os.ftruncate(self._handle, self._before)
             if self._path is not None:
+                # What was noted of places in the file lies beyond its end now.
                 self.marks.forget(self._path.name, self._before)
             self._size = self._before
             self._written = self._written_before
@@ -265,6 +267,7 @@ class JournalFile:
         if not self._durable:
             return
         with self._syncing:
+            # Another thread's call has already covered this commit.
             if self._synced >= seq or self._handle < 0:
                 return
             # Read before the call: what is appended meanwhile may not be on the disk after it.
@@ -281,6 +284,7 @@ class JournalFile:
         if self._handle >= 0 and self._size < SEGMENT_BYTES:
             return
         last = self.segments()[-1:]
+        # A segment that a crash left short is continued; its torn end was cut at opening.
         if self._handle < 0 and last and last[0].stat().st_size < SEGMENT_BYTES:
             path = last[0]
         else:
@@ -296,6 +300,7 @@ class JournalFile:
     def _close_segment(self) -> None:
         if self._handle < 0:
             return
+        # Before the next one begins, or a later commit would be durable before an earlier one.
         os.fdatasync(self._handle)
         self._synced = self._written
         os.close(self._handle)
@@ -321,6 +326,7 @@ class JournalFile:
         segments = self.segments()
         for at, path in enumerate(segments):
             following = segments[at + 1] if at + 1 < len(segments) else None
+            # All its records are older: a segment is named after its first.
             if following is not None and int(following.stem) <= since + 1:
                 continue
             for record, _ in read_segment(path, torn_end=following is None):
@@ -356,6 +362,7 @@ class JournalFile:
         Name of the segment, offset, and number, time and checksum of the record; ``None`` if the
         journal does not hold the commit.
         """
+        # The last record of this process needs no reading from the start.
         if self._path is not None and self._written == seq and self._before < self._size:
             segments, start = [self._path], self._before
         else:
@@ -375,6 +382,8 @@ class JournalFile:
             end = ends[-1] if ends else 0
             if end < path.stat().st_size:
                 with path.open("rb+") as file:
+                    # Else the record of the next commit would follow a half one, and neither could
+                    # be read.
                     file.truncate(end)
                     os.fsync(file.fileno())
 
@@ -383,6 +392,8 @@ class JournalFile:
         segments = self.segments()
         total = sum(path.stat().st_size for path in segments)
         for path, following in itertools.pairwise(segments):
+            # The store itself is durable only up to the checkpoint; what follows may have to be
+            # replayed.
             if total <= _RETAINED_BYTES or int(following.stem) > checkpoint:
                 return
             total -= path.stat().st_size
@@ -393,6 +404,7 @@ def _encode(record: CommitRecord, change: Writes) -> list[Piece]:
     header = record.header()
     header |= {"removed": len(change.removed), "added": len(change.added)}
     for key, graphs in (("created", change.created), ("dropped", change.dropped)):
+        # Names, since an empty graph has no statement that would show it.
         if graphs:
             header[key] = [getattr(graph, "value", "") for graph in graphs]
     body = [*_pieces(b"D ", change.removed), *_pieces(b"A ", change.added)]
@@ -424,6 +436,7 @@ def _pieces(mark: bytes, quads: Collection[Quad]) -> Iterator[Piece]:
         if triples:
             assert isinstance(part, InGraph)
             graph = b"" if isinstance(part.graph, DefaultGraph) else f" {part.graph}".encode()
+            # Marked by one replacement, not line by line: such a text has thousands of lines.
             yield mark
             yield memoryview(triples.replace(b" .\n", graph + b" .\n" + mark))[: -len(mark)]
             continue
@@ -455,6 +468,7 @@ def read_segment(path: Path, torn_end: bool, start: int = 0) -> Iterator[tuple[R
                 if zlib.crc32(body) == header["crc32"] and len(body) == header["bytes"]:
                     record = Record(header, body)
             if record is None:
+                # A killed process may leave a half record, but only at the very end.
                 if torn_end:
                     return
                 raise StoreError(f"{path} has a damaged record before its end; restore a backup")

@@ -45,6 +45,7 @@ class FolderLock:
             raise StoreLockedError(_explain(folder, holder), holder=holder) from None
         if not shared:
             try:
+                # The file may name a process that has long ended.
                 self._write({})
             except OSError:
                 os.close(self._handle)
@@ -63,6 +64,7 @@ class FolderLock:
             **facts,
         }
         text = json.dumps(record).encode()
+        # The file stays where it is: a second file of that name could be locked by another process.
         os.ftruncate(self._handle, 0)
         os.pwrite(self._handle, text, 0)
 
@@ -78,6 +80,7 @@ class FolderLock:
         if self._handle < 0:
             return
         if not self._shared:
+            # Nobody is named as the holder of a lock that is free.
             os.ftruncate(self._handle, 0)
         os.close(self._handle)
         self._handle = -1
@@ -87,6 +90,7 @@ def _is_running(holder: dict[str, Any]) -> bool:
     """Whether the process named in a lock file appears to be running."""
     if not holder:
         return False
+    # Processes of another machine cannot be asked; the folder may lie on a shared disk.
     if holder.get("host") != socket.gethostname():
         return True
     try:

@@ -33,6 +33,7 @@ def seal(journal: JournalFile, earlier: Seal | None = None) -> Seal:
     for path in segments:
         size = path.stat().st_size
         before = (earlier or {}).get(path.name)
+        # Old segments never grow; to read them all would be to read a gigabyte at each closing.
         if before is not None and before[0] == size and path != segments[-1]:
             made[path.name] = before
         else:

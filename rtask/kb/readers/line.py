@@ -94,6 +94,7 @@ class ReaderLine:
             return
         if not data:
             self.is_sound = False
+        # Most answers come in one read, and are then not copied.
         self._buffer = self._buffer + data if self._buffer else data
 
     def take(self) -> Answer | None:
@@ -104,6 +105,7 @@ class ReaderLine:
             kind, length = HEADER.unpack_from(data, at)
             start = at + _START
             at = start + length
+            # Half a message: it is parsed again once more of it has come.
             if at > len(data):
                 return None
             if kind == b"C":
@@ -127,6 +129,7 @@ class ReaderLine:
 
     def _note_refusal(self, payload: bytes) -> None:
         facts = json.loads(payload)
+        # Stopped in the middle of an answer, or grown in memory: it is not asked again.
         if not facts.get("reusable", facts["reason"] not in ("memory", "limit")):
             self.is_sound = False
 
@@ -137,6 +140,7 @@ class ReaderLine:
 
     def detach(self) -> bytes:
         """Leave the reader to a stream, which gives it back; return what has come of the answer."""
+        # From now on a stream owns the reader, and two must not give it back.
         self._give_back = None
         return self._buffer
 
@@ -144,6 +148,7 @@ class ReaderLine:
         """Give the reader back; nothing may be watching its descriptor."""
         give_back, self._give_back = self._give_back, None
         if give_back is not None:
+            # Bytes that are left belong to an answer that nobody took.
             give_back(is_reusable and self.is_sound and not self._buffer)
 
 

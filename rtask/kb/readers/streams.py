@@ -147,6 +147,7 @@ class ReaderStream(Stream):
 
     def hold(self, release: Callable[[], None]) -> None:
         """Register a function to call when the query has ended."""
+        # The query may have ended between its start and this call.
         with self._reading:
             if self._done is not None:
                 self._release = release
@@ -174,9 +175,11 @@ class ReaderStream(Stream):
 
     def __next__(self) -> bytes:
         with self._reading:
+            # Taken in advance, so that an error in the query is raised before the answer begins.
             if self._first is not None:
                 piece, self._first = self._first, None
             elif self._done is None:
+                # Stopped by somebody else: an end here would look like a whole answer.
                 if self.closed:
                     raise ClosedError("the query was stopped")
                 raise StopIteration
@@ -195,6 +198,7 @@ class ReaderStream(Stream):
             return payload
         facts = _facts(payload)
         if kind == b"X":
+            # Stopped in the middle of an answer, or grown in memory.
             is_reusable = facts["reason"] not in ("memory", "limit")
             self._finish(facts.get("reusable", is_reusable))
             raise self._error(facts)
@@ -229,6 +233,7 @@ class ReaderStream(Stream):
             kind, length = HEADER.unpack(self._exactly(HEADER.size))
             return kind, self._exactly(length)
         except EOFError:
+            # Read first: giving the reader back forgets it.
             was_expired = self.expired
             self._finish(False)
             if self.closed:
@@ -265,6 +270,7 @@ class ReaderStream(Stream):
 
     def expire(self) -> None:
         """Stop the query because its deadline has passed."""
+        # The reading thread meets the end of the pipe, and says why.
         if self._done is not None:
             self.reader.kill()
 
@@ -286,6 +292,7 @@ class ReaderStream(Stream):
         if self._done is None:
             return
         self.closed = True
+        # Before the lock, which the reading thread holds until the pipe ends.
         self.reader.kill()
         with self._reading:  # a thread that is reading gets the end of the pipe first
             self._finish(False)
