@@ -113,7 +113,7 @@ def _new(node: ast.expr) -> Iterator[tuple[str, str]]:
     elif isinstance(node, ast.BinOp) and type(node.op) in _ARITHMETIC:
         sign = _ARITHMETIC[type(node.op)]
         yield f"({ast.unparse(node.left)} {sign} {ast.unparse(node.right)})", sign
-    elif isinstance(node, ast.Constant) and type(node.value) in (int, bool):
+    elif isinstance(node, ast.Constant) and isinstance(node.value, int):
         new = repr(not node.value if isinstance(node.value, bool) else node.value + 1)
         yield new, new
 
@@ -224,8 +224,9 @@ def main() -> None:
             state = is_noticed(copy, mutation, given.timeout, sound)
             noticed[state] += 1
             word = {True: "noticed", False: "NOT NOTICED", None: "tests fail without it"}[state]
-            print(f"{word:12} {mutation.path}:{mutation.line}  {mutation.words}", flush=True)
-    print(f"{noticed[True]} of {sum(noticed.values())} noticed")
+            sys.stdout.write(f"{word:12} {mutation.path}:{mutation.line}  {mutation.words}\n")
+            sys.stdout.flush()
+    sys.stdout.write(f"{noticed[True]} of {sum(noticed.values())} noticed\n")
 
 
 if __name__ == "__main__":

@@ -178,6 +178,7 @@ def hidden_causes(
     >>> hidden_causes(np.zeros(1), np.full(1, 0.05), np.ones(1))
     []
     """
+    # A cause is what explains failures; without any there is nothing to be named.
     if len(tried) == 0 or np.all(held > 0):
         return []
     left = allowed_by_causes(tried, half_fingers)
@@ -224,7 +225,9 @@ def decisive_causes(
     likelihood = log_likelihood(allowed(tried, half_finger), held, weights)
     posterior = _updated(PRIOR if prior is None else prior, likelihood)
     refused = 1.0 - allowed(places, half_finger)
+    # By side, as a person would speak of it: nineteen places of a mass are one cause.
     named = list(_named(posterior))
+    # What the attempts added, since every hypothesis lowers the chance a little beforehand.
     lost = np.stack([(posterior - PRIOR)[members] @ refused[members] for _, members in named])
     most = np.argmax(np.round(lost, 9), axis=0)
     return [

@@ -50,6 +50,7 @@ def _all_patterns() -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Return the patterns of weak cells (p, cells), of which some are weak, and their prior."""
     numbers = np.arange(2**_CELLS - 1)  # a bit that is set is a firm cell
     weak = (numbers[:, None] >> np.arange(_CELLS)) & 1 == 0
+    # Firm and weak parts are rarely mixed: each change between neighbours is unlikely.
     switches = (weak[:, 1:] != weak[:, :-1]).sum(axis=1)
     prior = _SWITCH**switches * (1 - _SWITCH) ** (_CELLS - 1 - switches)
     return weak, prior / prior.sum()
@@ -75,6 +76,7 @@ PRIOR = _prior()
 
 
 def _mirrored() -> NDArray[np.intp]:
+    # With the ends exchanged, a pattern is read from its other side.
     patterns = (~_WEAK[:, ::-1]) @ (1 << np.arange(_CELLS))
     half = len(ZONES) // 2
     first = len(CAUSES_PRIOR)
@@ -101,6 +103,7 @@ def allowed_by_causes(
     """
     nothing = np.ones((1, len(places)))
     lever = (places[None] - CENTRES[:, None]) / _LEVER
+    # Never zero: one grasp that held against it must not rule a cause out for ever.
     mass = np.maximum(np.exp(-(lever**2) / 2), _RARELY)
     reach = ZONES[:, :1] * places[None] + half_finger
     zone = np.where(reach > 0.5 - ZONES[:, 1:], _RARELY, 1.0)

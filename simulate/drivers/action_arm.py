@@ -80,6 +80,7 @@ class ActionArm(FollowingArm):
 
     def take_state(self, message: Any) -> None:
         """Take a sensor_msgs/JointState; one that tells of other joints only is passed over."""
+        # Grippers and bases publish states of their own on the same topic.
         if set(self._joints) & set(message.name):
             state = {
                 "header": {"stamp": stamp_json(message.header.stamp)}, "name": list(message.name),
@@ -122,12 +123,14 @@ class ActionArm(FollowingArm):
             ends.append(how)
             ended.set()
 
+        # Under the lock, or a state could come before it is watched.
         with self._came:
             self._watch = watch
         try:
             self.send(way, end)
             until = time.monotonic() + way.duration + _SPARE_S
             while (now := time.monotonic()) < until:
+                # A driver that died sends no end; its joint states end, too.
                 watch.check_alive()
                 if ended.wait(max(min(until, watch.deadline) - now, 0.0)):
                     return ends[0]
@@ -141,6 +144,7 @@ class ActionArm(FollowingArm):
     def stop(self) -> None:
         """Cancel the goal, and say so where the arm is not seen to rest afterwards."""
         try:
+            # Cancelled is not stopped: only states at rest show that.
             self.cancel()
             self._settled(None, _STOPPED_S)
         except (RemoteUnavailableError, RobotError):
@@ -155,6 +159,7 @@ class ActionArm(FollowingArm):
     def _next_state(self, until: float) -> Mapping[str, Any] | None:
         """Return the next joint state, or None after a time."""
         with self._came:
+            # Only what comes from now on is fresh.
             self._newest = None
             wait_s = max(until - time.monotonic(), 0.0)
             if not self._came.wait_for(lambda: self._newest is not None, wait_s):

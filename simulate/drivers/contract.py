@@ -114,6 +114,7 @@ def check_ending(ros: RosVersion, status: object, action: str, words: str = "") 
     ...
     rtask.errors.RobotError: /arm ended: aborted (status 4 of ROS 1)
     """
+    # Not a bool, which Python counts as 1: a driver that says True has said nothing.
     if type(status) is int and status == _SUCCEEDED[ros]:
         return
     name = _ENDINGS[ros].get(status, "unknown") if type(status) is int else "unknown"
@@ -143,6 +144,7 @@ def read_state(
         Says what is wrong with which joint, and what to do about it.
     """
     names, positions = _names_of(message), _listed(message, "position")
+    # Names and positions are joined by place, so that one too few moves the wrong joint.
     if len(names) != len(positions) or len(set(names)) != len(names):
         raise RobotError(
             f"a joint state names {len(set(names))} joints and has {len(positions)} positions; "
@@ -160,6 +162,7 @@ def read_state(
     check_positions(values, joints, limits)
     rates = _listed(message, "velocity")
     velocities = None
+    # Empty where a robot does not measure it, as the message allows.
     if len(rates) == len(names):
         velocities = np.array([_number(rates[k]) for k in rows])
     return _State(values, velocities, stamp_of(message))
@@ -239,6 +242,7 @@ def settled_joints(
     while time.monotonic() < until and (message := next_message(until)) is not None:
         try:
             state = read_state(message, joints, limits, now())
+            # A state of the same time is the same one, sent again: nothing was measured meanwhile.
             if before is not None and state.stamp_s > before.stamp_s:
                 _check_rest(before, state, joints)
                 if state.stamp_s - before.stamp_s >= REST_S:
@@ -271,6 +275,7 @@ def check_motion_start(way: Trajectory, joints: Sequence[str], measured: Floats)
         check_start(way, joints, measured)
     except RobotError as error:
         apart = np.abs(np.sort(measured) - np.sort(way.positions[0]))
+        # Some drivers sort names and not positions; the values then fit in another order.
         if len(joints) > 1 and (apart <= _SAME_RAD).all():
             raise RobotError(
                 f"{error}; the measured values fit in another order of the joints: "
@@ -304,6 +309,7 @@ def check_arrival(
     check_at_goal(way, joints, measured, tolerance_rad)
     asked = way.positions[-1] - start
     most = int(np.abs(asked).argmax())
+    # The tolerance alone would pass a short motion that never took place.
     if abs(asked[most]) > _MOVED_RAD and (measured - start)[most] / asked[most] < 0.5:
         raise RobotError(
             f"{joints[most]} stayed where it was, "
@@ -327,6 +333,7 @@ def check_at_goal(
     """
     off = np.abs(measured - way.positions[-1])
     worst = int(off.argmax())
+    # Written so that NaN fails.
     if not off[worst] <= tolerance_rad:
         raise RobotError(
             f"{joints[worst]} ended {off[worst]:.2f} rad from its goal, although the controller "
@@ -346,6 +353,7 @@ def stamp_of(message: Mapping[str, Any]) -> float:
 
 def _number(value: object) -> float:
     """Return a number of a message; NaN where there is none, as JSON has no NaN."""
+    # A bool is an int in Python, and no driver means 1 rad by true.
     if isinstance(value, bool) or not isinstance(value, int | float):
         return float("nan")
     try:
@@ -378,6 +386,7 @@ def _check_time(message: Mapping[str, Any], now_s: float) -> None:
             "have the driver fill header.stamp"
         )
     age = now_s - stamp
+    # A state from the future is as bad as an old one: the clocks disagree by as much.
     if not abs(age) <= MAX_AGE_S:
         when = f"{age:.1f} s old" if age > 0 else f"{-age:.1f} s ahead of this machine"
         raise RobotError(

@@ -115,6 +115,7 @@ class NaoqiArm(FollowingArm):
 
     def close(self) -> None:
         """Make the arm limp, let autonomous life go on, and disconnect."""
+        # Each by itself: a lost link must not keep the rest from being tried.
         with contextlib.suppress(RemoteUnavailableError):
             self._call(self._motion, "setStiffnesses", [*self._joints, self._hand], 0.0)
         if self._life_before is not None:
@@ -150,6 +151,7 @@ class NaoqiArm(FollowingArm):
         time.sleep(REST_S)
         angles = np.array(self._angles(self._joints))
         check_positions(angles, self._joints, self._limits)
+        # NAOqi goes on answering with the last angles when its sensors have stopped.
         if ticks is not None and ticks == self._ticks():
             raise RobotError(
                 f"the sensors of {self._address} stand still, so that nobody knows how old its "
@@ -183,6 +185,7 @@ class NaoqiArm(FollowingArm):
         duration: float,
     ) -> None:
         """Interpolate joints along angles (rad, or 0 to 1 for hands) at times (s), and wait."""
+        # Before the motion, so that its own task can be told from those of others.
         is_absolute, others = True, self._tasks(self._motion)
         moving = self._begin(self._motion, "angleInterpolation", names, angles, times, is_absolute)
         own: set[int] = set()
@@ -214,6 +217,7 @@ class NaoqiArm(FollowingArm):
 
     def _stop(self, moving: Any, own: set[int], names: list[str]) -> None:
         """End the motion of this program, by a second connection if the first one is lost."""
+        # A future that has ended cannot be cancelled, which is what is wanted.
         with contextlib.suppress(RuntimeError):
             moving.cancel()
         try:
@@ -238,6 +242,7 @@ class NaoqiArm(FollowingArm):
         """End tasks; without knowing which, all that use these joints: stopping comes first."""
         for task in own:
             self._call(motion, "killTask", task)
+        # Too much is stopped rather than too little.
         if not own:
             self._call(motion, "killTasksUsingResources", names)
 

@@ -1,7 +1,7 @@
 """What both theses promise in words alone: no caption, no figure to hold ours against.
 
-A reader with the book open looks these up as well. An entry names the document, command or test that
-shows ours; ``kehoe-capability-surgery`` and its like say why there is nothing.
+A reader with the book open looks these up as well. An entry names the document, command or test
+that shows ours; ``kehoe-capability-surgery`` and its like say why there is nothing.
 """
 
 from __future__ import annotations

@@ -92,6 +92,8 @@ class PoseNoise:
         if self.covariance is None:
             draws = draws * np.repeat([self.position_std, self.rotation_std], 3)
         else:
+            # Eigenvectors, since a covariance may lack full rank, which Cholesky's factor does not
+            # allow.
             values, vectors = np.linalg.eigh(np.asarray(self.covariance, dtype=np.float64))
             draws = draws @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
         moved = np.tile(np.eye(4), (samples, 1, 1))
@@ -130,6 +132,7 @@ class Load:
         weight = 9.81 * self.mass
         torque = np.cross(com - origins, -weight * np.array(self.up))
         twist = np.abs(np.einsum("...i,...i->...", torque, closing))
+        # Two pads hold, each by its own friction.
         grip = 2 * gripper.friction * gripper.max_force
         return np.asarray((twist <= grip * self.patch) & (weight <= grip))
 
@@ -238,6 +241,7 @@ def confidences(
     opening = np.full(len(poses), gripper.max_opening) if openings is None else openings
     lines = np.array(poses, dtype=np.float64)
     if middles is not None:
+        # The lines of closing go through the contacts, which need not lie at the hand's middle.
         lines[:, :3, 3] = middles
     closed, ends = _swept(mesh, lines, gripper, errors, opening, friction, in_object)
     if load is not None:
@@ -253,6 +257,7 @@ def confidences(
         raise ValueError(f"weighting is plain or density, got {weighting!r}")
     if quality == "closure":
         effective = 1.0 / float((weights**2).sum())
+        # Rounded, so that the order of a sum does not reorder equal grasps.
         share = np.clip(np.round(closed @ weights, 12), 0.0, 1.0)
         return Confidence(share, lower_bound(share * effective, np.full(len(share), effective)),
                           closed > 0)  # fmt: skip
@@ -303,6 +308,7 @@ def score_grasps(
         mesh, poses, gripper, noise, samples=samples, openings=openings, quality=quality,
         weighting=weighting, sweep=sweep, load=load, middles=middles, seed=seed,
     )  # fmt: skip
+    # The exact measure is much dearer than its bound; only the best are worth it.
     best = set(np.argsort(-estimates.value, kind="stable")[:exact].tolist())
     scored = []
     for i, candidate in enumerate(candidates):
@@ -383,6 +389,7 @@ def _close(  # type: ignore[no-untyped-def]
             first, a, last, b = line_ends(
                 c, e1, e2, boxes, nodes, o[0], o[1], o[2], d[0], d[1], d[2], half, stack
             )
+            # Neither surface was met, or the hand would close on less than it can.
             if a < 0 or last - first < least:
                 continue
             left = normals[a, 0] * d[0] + normals[a, 1] * d[1] + normals[a, 2] * d[2]

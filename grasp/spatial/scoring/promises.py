@@ -205,9 +205,11 @@ class Promises:
         """
         scored: dict[str, list[tuple[float, bool]]] = {name: [] for name in FACTORY}
         for scores, held in outcomes:
+            # A lift that was never carried any further says nothing of carrying.
             for name in FACTORY:
                 if name in held and name in scores:
                     scored[name].append((self._factory_chance(name, scores), bool(held[name])))
+        # A hand of a tried type differs less from its map than any hand from the general one.
         prior = dict.fromkeys(FACTORY, _OF_TRIED) if self.hand in TRIED else UNTRIED
         own = {name: fit_map(rows, prior[name]) for name, rows in scored.items() if rows}
         return Promises(self.stroke, self.hand, own)

@@ -53,6 +53,7 @@ class _Need:
             return cls(set(), {False}, {frozenset({node.datatype})}, node.datatype)
         if node.kind != "variable":
             return cls(set(), {True} if node.kind == "iri" else set(), set())
+        # A constant demands nothing; only what is said elsewhere of a variable does.
         given = beside.get(node.value, ())
         return cls(
             {demand.bits for demand in given if demand.bits is not None},
@@ -64,6 +65,7 @@ class _Need:
         """Return whether an end of a property may be what is demanded."""
         if self.literal:
             return kind is False and (not types or _may_equal(self.literal, types))
+        # Things and values have no member in common, whatever the classes say.
         if kind is not None and (not kind) in self.is_thing:
             return False
         if given is not None and not all(given & bits for bits in self.bits):
@@ -72,6 +74,7 @@ class _Need:
 
     def share_of(self, given: int | None, types: frozenset[str]) -> float:
         """Return which share of some classes is as demanded; 0 where either is not known."""
+        # A datatype says less than a class: half of what a class may give.
         if types:
             families = {family(kind) for kind in types}
             needed = {family(kind) for kinds in self.datatypes for kind in kinds}
@@ -88,6 +91,7 @@ def _may_equal(datatype: str, types: frozenset[str]) -> bool:
     """Return whether a literal of a datatype may be among values of some: 3 among counts."""
     if datatype in types or family(datatype) != "number":
         return datatype in types
+    # Whole numbers count, others measure: 3 among lengths is rather a mistake.
     whole = local(datatype) not in _FRACTIONS
     return any(family(kind) == "number" and (local(kind) not in _FRACTIONS) == whole
                for kind in types)  # fmt: skip
@@ -119,6 +123,7 @@ class Fitting:
     def has(self, edge: Edge) -> bool:
         """Return whether the query has a pattern somewhere, whatever way it is written."""
         if self._statements is None:
+            # Made when it is first asked for: most queries have no fault that needs it.
             self._statements = {_statement(own) for context in self.contexts for own in context.own}
         return _statement(edge) in self._statements
 
@@ -128,6 +133,7 @@ class Fitting:
         conflicts: list[Conflict] = []
         if own is None:
             return conflicts
+        # Changed together with it, it cannot be in conflict with it.
         for other in context.touching(edge):
             if is_written_once(other, edge):
                 continue
@@ -174,6 +180,7 @@ class Fitting:
         """Return the properties that go with what other patterns demand of their ends."""
         first, other = _Need.of(about, beside), _Need.of(value, beside)
         fitting: list[str] = []
+        # By axioms that are alike, of which there are far fewer than properties.
         for (domain, values, kind, types), iris in self.vocabulary.alike.items():
             if other.meets(values, kind, types) and first.meets(domain, True, _NONE):
                 fitting += iris
@@ -208,6 +215,7 @@ class Fitting:
             for other in context.touching(edge)
             if other.steps
             if not is_written_once(other, edge)
+            # What never matches by itself is no witness against another.
             if not only_matching or self.evidence.matches(other)
             for at, mine in enumerate(edge.ends)
             for other_at, node in enumerate(other.ends)
@@ -229,6 +237,7 @@ class Fitting:
         demand = demands[at]
         if node.kind == "literal":
             return demand.is_thing is not True and at != 0
+        # The value of rdf:type is a class, of which the demands say nothing.
         if any(step.node.value == TYPE for step in edge.steps) and at == 1:
             return True
         return demand.is_thing is not False

@@ -63,6 +63,7 @@ class Look:
         value = demand.edge.ends[0 if step.is_inverse else 1]
         if value.kind == "iri":
             return [value.value]
+        # Of a term itself, and not of a thing of that class.
         bits = None if demand.is_of_terms else demand.bits
         return self._vocabulary.most_general(bits) if bits is not None else []
 
@@ -80,9 +81,11 @@ class Look:
                 is_apart = None not in (demand.bits, given.bits) and not (
                     (demand.bits or 0) & (given.bits or 0)
                 )
+                # A pattern that contradicts the one that is suspected explains nothing.
                 if is_apart or {given.is_thing, demand.is_thing} == {True, False}:
                     continue
                 if self._is_named_after(given, other) and (
+                    # A type alone explains a name only by its main word: a task plan is a plan.
                     other.steps[0].node.value != TYPE or self._is_of_kind_named(given)
                 ):
                     return True

@@ -218,6 +218,7 @@ def answer(
         raise UsageError(f"a question has 1 to {MAX_TEXT} characters, not {len(text)}")
     run = select or _within_bounds(kb)
     now = now or dt.datetime.now(dt.UTC)
+    # Before all else: what changed is asked of two states, and no stored question does that.
     if asks_for_changes(text, find_period(text, now)):
         changed = changed_beliefs(
             run, past_states(kb, TIMEOUT_S), text, find_period(text, now), now
@@ -284,6 +285,7 @@ def _total_of(run: Select, text: str, part: Part, reading: Reading) -> Answer:
 
 def _answer(run: Select, text: str, reading: Reading, base: str) -> Answer:
     """Return the answer to any other question."""
+    # "What is X?" is answered by what X is, and would be near to every question about X.
     noun = asks_about(text)
     if noun is not None:
         match = about(run, noun, reading.tokens, reading.mentions, base)
@@ -294,9 +296,11 @@ def _answer(run: Select, text: str, reading: Reading, base: str) -> Answer:
     matches = matcher().matches(reading.asked)
     nearest = _nearest(matches)
     best = matches[0]
+    # Said in words: whoever gives an order must not believe that it was carried out.
     if command(text):
         words = "That tells a robot to do something, and nothing was done: here are only answers."
         return _unanswered(text, reading, _with_nearest(words, nearest), nearest)
+    # A number that names nothing would be dropped, and the answer be about everything.
     if missing := missing_number(reading.tokens, reading.mentions):
         return _unanswered(text, reading, not_named(missing, reading.mentions), nearest)
     if best.score < NEAR:
@@ -313,6 +317,7 @@ def _answered(
         return _unanswered(text, reading, not_named(missing, reading.mentions), nearest)
     if why := _out_of_scope(text, reading, question, nearest):
         return _unanswered(text, reading, _with_nearest(why, nearest), nearest)
+    # A guess between two would be wrong half of the time; the person can say which.
     if nearest[0].likeness > MIN_WORDED and nearest[0].likeness - nearest[1].likeness < CLEARLY:
         listed = " Or: ".join(item.question for item in nearest[:2])
         return _unanswered(text, reading, f"That can mean: {listed} Ask one of them.", nearest)
@@ -326,6 +331,7 @@ def _answered(
             return _unanswered(text, reading, words, nearest)
     sparql = counts.listed if counts is not None else sparql
     unused = unused_mentions(question, filled, reading.mentions)
+    # An answer about others would look like one about the thing that was named.
     if out_of_place := individual(unused, reading.mentions):
         words = (
             f"The nearest question, {question.text!r}, is not about {out_of_place!r}: an answer "
@@ -336,6 +342,7 @@ def _answered(
         unused.append(reading.period.text)
     unused += superlatives(text, question.text)
     reading = replace(reading, ignored=tuple(dict.fromkeys([*reading.ignored, *unused])))
+    # One row more than is shown tells that there are more.
     rows = run(_limited(sparql))
     is_cut = len(rows) > MAX_ROWS
     count = None if counts is None else count_of(run, counts, rows, is_cut)

@@ -64,6 +64,7 @@ def fill(question: Question, mentions: Iterable[Mention], period: Period | None)
     """Return the slots of a question that what was named fills, each at most once."""
     filled: list[Filled] = []
     used: set[tuple[int, int]] = set()
+    # Words of the question itself name nothing, even where a thing is called so.
     named = [item for item in mentions if not _is_own(question, item)]
     for slot in question.slots:
         if slot.role == "time":
@@ -76,6 +77,7 @@ def fill(question: Question, mentions: Iterable[Mention], period: Period | None)
         if not choices:
             continue
         mention = min(choices, key=lambda item: _preference(slot, item))
+        # Each name fills one slot: "between cup 1 and cup 2" has two.
         used.add((mention.start, mention.end))
         is_kind = (mention.role == "kind" and slot.role == "object") or _restricts(slot, mention)
         filled.append(Filled(slot, mention.text, mention.terms, is_kind, called=mention.called))
@@ -110,6 +112,7 @@ def individual(unused: Iterable[str], mentions: Iterable[Mention]) -> str:
     A kind without a place makes an answer wider; a name without one makes it one about others.
     """
     mentions = list(mentions)
+    # A name that may also be a kind's leaves the question as it is.
     individuals = {item.text for item in mentions if item.role in _INDIVIDUALS}
     kinds = {item.text for item in mentions if item.role not in _INDIVIDUALS}
     return next((name for name in unused if name in individuals - kinds), "")
@@ -156,6 +159,7 @@ def filled_query(question: Question, filled: Iterable[Filled]) -> str:
         elif item is not None:
             added.append(_restriction(item))
     if added:
+        # Before the last brace: the query's own patterns come first, and bind what is restricted.
         end = text.rindex("}")
         text = text[:end].rstrip() + "\n" + "".join(f"  {item}\n" for item in added) + text[end:]
     return with_prefixes(text)
@@ -165,6 +169,7 @@ def _with_values(text: str, slot: Slot, item: Filled | None) -> str:
     clause = re.compile(rf"[ \t]*VALUES\s+{re.escape(slot.term)}\s*{{[^}}]*}}\s*\n")
     if item is None:
         return clause.sub("", text)
+    # As a function, since a backslash in a name would be read as a reference.
     members = " ".join(str(term) for term in item.terms)
     return clause.sub(lambda _: f"  VALUES {slot.term} {{ {members} }}\n", text)
 
@@ -175,6 +180,7 @@ def _with_constant(text: str, slot: Slot, item: Filled | None) -> tuple[str, lis
         return _replaced(text, slot, str(item.terms[0])), []
     if item is None and slot.role in _KINDS:
         return text, []
+    # The query may use that name for something else.
     variable = f"?{slot.role}" if f"?{slot.role} " not in text else f"?the_{slot.role}"
     text = projected(_replaced(text, slot, variable), variable)
     if item is None:
@@ -196,6 +202,7 @@ def projected(text: str, variable: str) -> str:
     end = text.rindex("}")
     head, tail = text[:end], text[end:]
     tail = re.sub(r"GROUP BY ", f"GROUP BY {variable} ", tail)
+    # A limit was meant for one thing; of several each is to have its rows.
     return head + _LIMIT.sub("", tail.rstrip()).rstrip() + "\n"
 
 
@@ -211,6 +218,7 @@ def _restriction(item: Filled) -> str:
     if item.period is not None:
         begin, _, end = variable.partition("/")
         if end:
+            # A span of time is met by whatever overlaps it, a moment by what lies in it.
             return f"FILTER({item.period.overlap(begin, end)})"
         inner = f"{pattern} FILTER({item.period.condition(variable)})"
         return f"FILTER EXISTS {{ {inner} }}" if pattern else inner.strip()
@@ -230,6 +238,7 @@ def _instances(variable: str, item: Filled) -> str:
         kinds = " UNION ".join(f"{{ {variable} a {term} }}" for term in item.terms)
         called = " ".join(str(term) for term in item.called)
         either = f"{kinds} UNION {{ VALUES {variable} {{ {called} }} }}"
+        # Both may name the same thing, which is to come once.
         return f"{{ SELECT DISTINCT {variable} {{ {either} }} }}"
     if len(item.terms) == 1:
         return f"{{ {variable} a {item.terms[0]} }}"
@@ -243,6 +252,7 @@ def with_prefixes(text: str) -> str:
     declared = dict(ontology.PREFIXES)
     for line in _PREFIX.finditer(text):
         declared[line[1]] = line[0].partition("<")[2].partition(">")[0]
+    # A colon inside a text or an IRI is no prefix.
     bare = re.sub(r"<[^>\s]*>|\"[^\"\n]*\"", " ", body)
     used = {match[1] for match in re.finditer(r"(?<![\w?$])([\w-]*):[\w]", bare)}
     used |= {match[1] for match in re.finditer(r"\^\^([\w-]*):", body)}

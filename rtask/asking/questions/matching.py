@@ -82,6 +82,7 @@ class Matcher:
             for feature in {f for item in phrases for f in _features(item.words)}
         )
         total = len(self._asked)
+        # Rare words tell questions apart; those that every question has tell nothing.
         self._idf = {f: math.log(1 + total / n) for f, n in counts.items()}
         self._rare = math.log(1 + total)
         self.vocabulary = frozenset(
@@ -96,6 +97,7 @@ class Matcher:
     def _compared(self, phrases: Sequence[Phrase]) -> tuple[list[Vector], Vector]:
         """Return the vectors of phrases, and how usual each feature is in them, up to 1."""
         counts = Counter(feature for item in phrases for feature in _features(item.words))
+        # Flattened: a word in one of ten phrasings is nearly as usual as one in all.
         usual = {feature: (n / len(phrases)) ** _RARELY for feature, n in counts.items()}
         return [_normed(self._weights(item.words)) for item in phrases], usual
 
@@ -113,8 +115,12 @@ class Matcher:
         """Return a word, or the one of the questions that it is a misspelling of."""
         if self.is_familiar(word):
             return word
+        # Two letters swapped are the commonest slip, and no ratio of likeness finds them in short
+        # words.
         if len(word) >= 4 and (swapped := _swapped(word, {*_QUESTION_WORDS, *self.vocabulary})):
             return swapped
+        # Of four letters one difference is a quarter: only the words that begin questions are worth
+        # it.
         if len(word) == 4 and word.isalpha():
             near = difflib.get_close_matches(word, _QUESTION_WORDS, 1, _SIMILAR_SPELLING)
             return near[0] if near else word
@@ -134,6 +140,7 @@ class Matcher:
 
     def _weight(self, feature: str, names: frozenset[str]) -> float:
         weight = self._idf.get(feature, self._rare)
+        # A pair that no question has tells no more than its words do.
         if " " in feature:
             return weight * _PAIR_WEIGHT if feature in self._idf else 0.0
         if feature in STOP:
@@ -184,6 +191,7 @@ _FITS = {"kind": "object", "object": "kind"}
 def _misfit(question: Question, roles: Sequence[frozenset[str]]) -> float:
     """Return what a question loses for slots left empty, and for names without a slot."""
     takes = {slot.role for slot in question.slots}
+    # An object answers for its kind, and the other way round.
     takes |= {_FITS[role] for role in takes if role in _FITS}
     named = frozenset().union(*roles)
     named |= {_FITS[role] for role in named if role in _FITS}

@@ -131,6 +131,7 @@ def split_name(name: str) -> list[str]:
     """
     parts = _CAMEL.findall(name)
     has_words = all(len(part) > 1 for part in parts)
+    # A part of one letter shows that the name is none of words: a model number, say.
     return [part.lower() for part in parts] if has_words else [name]
 
 
@@ -152,8 +153,10 @@ def stem(word: str) -> str:
 
 
 def _undoubled(word: str, was_verb: bool) -> str:
+    # Not "passed" or "filled", whose stems end in two.
     if was_verb and len(word) > 3 and word[-1] == word[-2] and word[-1] not in "lsz":
         return word[:-1]
+    # "moved" and "moving" have lost an e that "move" has.
     if was_verb and re.search(r"(?:[^aeiou][aiou][cgsvz]|[aeiou]t|ov|iv|us|at|os)$", word):
         return word + "e"
     return word
@@ -167,6 +170,7 @@ def _bare(word: str) -> str:
 
 _CONCEPTS = {
     _bare(stem(word)): _bare(group.split()[0])
+    # Reversed, so that a word of two groups belongs to the first.
     for group in reversed(_GROUPS)
     for word in group.split()
     if word not in STOP
@@ -225,6 +229,7 @@ def forms(words: list[str]) -> Iterator[str]:
     ['RED MUG', 'RED MUGS', 'Red Mug', 'Red Mugs']
     """
     last = words[-1]
+    # In the singular and as it was written, since either may be the name.
     endings = {last, stem(last.lower())}
     if last.lower().endswith("s"):
         endings.add(last[:-1])

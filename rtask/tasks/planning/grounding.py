@@ -20,6 +20,7 @@ def ground(problem: Problem) -> tuple[Step, ...]:
     facts = unchanging_facts(problem)
     steps = []
     for action in problem.actions:
+        # What no action changes is decided once, before the search multiplies by it.
         conditions = [atom for atom in action.preconditions if atom[0] not in fluents]
         for arguments in bindings(problem.objects, action, conditions, facts):
             steps.append(instantiate(action, arguments))
@@ -65,6 +66,7 @@ def bindings(
              for parameter in action.parameters}  # fmt: skip
     rows: list[dict[str, str]] = [{}]
     for condition in conditions:
+        # Asked after each join: the product of all would be too large to be counted afterwards.
         rows = _join(rows, condition, facts.get(condition[0], ()), types)
         _require_few(action, rows)
     for parameter in action.parameters:
@@ -90,6 +92,7 @@ def _join(
         return []
     names = condition[1:]
     bound = [place for place, name in enumerate(names) if name in rows[0]]
+    # Indexed by what is bound already, so that a join costs what it yields.
     by_key: dict[tuple[str, ...], list[Atom]] = defaultdict(list)
     for fact in facts:
         values = fact[1:]
@@ -101,6 +104,7 @@ def _join(
     for row in rows:
         for values in by_key.get(tuple(row[names[place]] for place in bound), ()):
             merged = dict(row)
+            # A parameter may stand twice in one condition.
             if all(merged.setdefault(n, v) == v for n, v in zip(names, values, strict=True)):
                 joined.append(merged)
     return joined

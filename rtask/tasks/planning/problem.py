@@ -92,6 +92,7 @@ class Step:
 
     def cost_s(self, failure_cost_s: float) -> float:
         """Return the expected cost, s, in which a lower chance costs time."""
+        # Costs add up along a plan, and chances multiply: their logarithms add.
         return self.duration_s - failure_cost_s * math.log(max(self.chance, 1e-6))
 
     def __str__(self) -> str:

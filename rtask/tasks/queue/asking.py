@@ -126,8 +126,10 @@ def ask(
     with kb.transaction(access=access, note="ask a person") as tx:
         plans = read_queue(kb)
         plan, step, claim = live_claim(plans, robot, task, time)
+        # Asked twice, people stop answering.
         if any(question.kind == inquiry.kind for question in step.questions):
             raise ConflictError(f"{inquiry.kind} was asked about {task} before")
+        # Without a price nobody could say whether a question is worth it.
         if plan.prices is None:
             return Asked("", Worth(False, 0.0, "the plan has no prices, so nobody is asked"), None)
         chance = step.chance if inquiry.chance is None else inquiry.chance
@@ -139,6 +141,7 @@ def ask(
             tx.add(*statement)
         for statement in picture(question):
             tx.add(*statement)
+        # A claim must not end before it began, whatever the clock did.
         tx.add(claim.iri, PROV.endedAtTime, max(time, claim.begun))
         tx.add(claim.iri, RT.claimResult, "released")
         tx.add(claim.iri, RT.claimComment, f"a person is asked: {inquiry.text}"[:1000])
@@ -165,6 +168,7 @@ def _question(
         if choice.place:
             stated.append((node, RT.answerPlace, iri(choice.place)))
         if number == inquiry.otherwise:
+            # Stored with the question, so that what happens without an answer is known before.
             stated.append((question, RT.choiceOtherwise, node))
     return stated
 
@@ -202,6 +206,7 @@ def answer(
         asked, is_pending = _asked(read_queue(kb), question, time)
         if not 1 <= choice <= len(asked.choices):
             raise UsageError(f"choice: 1 to {len(asked.choices)}, not {choice}", field="choice")
+        # A page that is sent twice is no second answer.
         if asked.answer is not None:
             if asked.answer.choice == choice and asked.answer.person == person:
                 return None

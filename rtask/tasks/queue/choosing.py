@@ -78,6 +78,7 @@ def choose(
     names
         Names of robots.
     """
+    # First what it has: a robot that was restarted goes on with its own step.
     for plan in plans:
         for step in plan.steps:
             claim = step.claim(now)
@@ -92,6 +93,7 @@ def choose(
             continue
         missing = failing(step)
         if missing:
+            # Somebody's step may still make it true; with nobody at work only a new plan can.
             is_idle = all(other.state(now) not in ("claimed", "asked") for other in plan.steps)
             waits.append(
                 Wait(plan.task, step.task, step.text, f"it does not hold that {missing}", is_idle)
@@ -112,11 +114,13 @@ def _busy_things(plans: Sequence[QueuedPlan], now: dt.datetime) -> Iterator[tupl
 def _in_order(
     plans: Sequence[QueuedPlan], robot: str, now: dt.datetime
 ) -> Iterator[tuple[QueuedPlan, QueuedStep]]:
+    # Of one priority, what is due first comes first, and what has no time last.
     latest = dt.datetime.max.replace(tzinfo=dt.UTC)
     ranked = sorted(plans, key=lambda plan: (-plan.priority, plan.deadline or latest))
     for plan in ranked:
         if plan.state(now) not in ("waiting", "running"):
             continue
+        # Begun too late it would end too late.
         if plan.deadline is not None and now >= plan.deadline:
             continue
         for step in plan.steps:
@@ -132,11 +136,13 @@ def _what_it_waits_for(
     if asked is not None:
         return f"a person is asked: {asked.text}"
     by_task = {other.task: other for other in plan.steps}
+    # A step that is no longer part of the plan holds nobody up.
     before = [by_task[task] for task in step.after if task in by_task]
     pending = next((other for other in before if not other.is_done), None)
     if pending is not None:
         who = ", ".join(names.get(robot, robot) for robot in pending.robots)
         return f"step {pending.number} of {who} comes before"
+    # Two hands at one thing are what a queue is there to prevent.
     if step.thing in busy:
         return f"{names.get(busy[step.thing], busy[step.thing])} has the thing"
     return ""

@@ -149,6 +149,7 @@ class QueuedStep:
     @property
     def ended_badly(self) -> Claim | None:
         """The claim by which it failed or was declined, unless it was done later."""
+        # A claim that was given back says nothing of the step.
         last = next((c for c in reversed(self.claims) if c.result not in ("", "released")), None)
         return None if last is None or last.result == "done" else last
 
@@ -223,6 +224,7 @@ class QueuedPlan:
             return "cancelled"
         if self.is_replaced:
             return "replaced"
+        # The gravest first: a plan with a failed step is not merely waiting.
         states = {step.state(now) for step in self.steps}
         if states <= {"done"} and not self.open_goals:
             return "done"
@@ -273,11 +275,13 @@ def read_queue(kb: GraphCore) -> list[QueuedPlan]:
     plans: dict[str, QueuedPlan] = {}
     for row in kb.select(_PLANS):
         task = str(row.value("plan"))
+        # A plan in two graphs is one; without steps or open goals it orders nothing.
         if task in plans or (task not in steps and task not in left_open):
             continue
         plan = _plan(row, tuple(steps.get(task, ())), tuple(left_open.get(task, ())))
         if _may_order(kb, plan):
             plans[task] = plan
+    # Plans from before plans had a time come first.
     epoch = dt.datetime.min.replace(tzinfo=dt.UTC)
     return sorted(plans.values(), key=lambda plan: (plan.made or epoch, plan.task))
 
@@ -305,6 +309,7 @@ def _may_order(kb: GraphCore, plan: QueuedPlan) -> bool:
     owner = kb.graphs.owner(NamedNode(plan.graph))
     if owner is None:
         return True
+    # A robot may plan for itself; what it states must not order others about.
     robot = kb.graphs.agent_iri(owner, "robot")
     if not kb.match(robot, RDF.type, CORA.Robot):
         return True
@@ -358,6 +363,7 @@ def _step(
         str(first.value("thing") or ""),
         tuple(sorted({str(row.value("before")) for row in rows if row.value("before")})),
         float(str(first.value("duration") or 0.0)), float(str(first.value("chance") or 0.0)),
+        # A claim by a robot that the plan does not name is no claim.
         tuple(claim for claim in claims if claim.robot in robots),
         tuple(asked for asked in questions if asked.robot in robots),
     )  # fmt: skip
