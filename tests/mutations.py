@@ -138,8 +138,8 @@ def drawn(seed: int, count: int, files: Sequence[Path]) -> list[Mutation]:
 def tests_of(path: Path) -> Iterator[list[Path]]:
     """Yield the tests to try for a module, the nearest first.
 
-    Those in the folder that mirrors its own and import it; all of that folder; those elsewhere that
-    import it.
+    Its own examples, and those in the folder that mirrors its own and import it; all of that
+    folder; those elsewhere that import it.
     """
     module = ".".join(path.with_suffix("").parts)
     parent, _, name = module.rpartition(".")
@@ -153,7 +153,7 @@ def tests_of(path: Path) -> Iterator[list[Path]]:
     tests = [p for p in tests if p.parts[1] != "browser"]
     named = [p for p in tests if is_imported.search((ROOT / p).read_text(encoding="utf-8"))]
     stages = (
-        [p for p in named if folder in p.parents], [folder],
+        [path, *(p for p in named if folder in p.parents)], [folder],
         [p for p in named if folder not in p.parents],
     )  # fmt: skip
     return (stage for stage in stages if stage)
