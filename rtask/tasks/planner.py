@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import ontology
-from rtask.errors import UnknownTermError
+from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES, local_name
 from rtask.tasks.actions import ActionClass, IsOntology, Select, read_actions
 from rtask.tasks.facts import read_facts
-from rtask.tasks.goals import Aim, Target, read_aims, targets
+from rtask.tasks.goals import LOCATED, Aim, Target, read_aims, targets
 from rtask.tasks.names import names_of
 from rtask.tasks.outcomes import Experience, read_experience
 from rtask.tasks.plan import Refusal, TaskPlan
@@ -207,23 +207,68 @@ def _chosen(task: _Task, problem: Problem) -> Problem:
     Things that are there already cost nothing, and out of reach are the last to be chosen.
     """
     if all(target.aim.number is None for target in task.targets):
+        _require_one_place(task.targets)
         return problem
     costs = dict(zip(problem.goals, goal_costs(problem), strict=True))
-    goals: list[tuple[Atom, ...]] = []
-    for aim in dict.fromkeys(target.aim for target in task.targets):
-        of_aim = [target.goal for target in task.targets if target.aim == aim]
+    chosen: list[Target] = []
+    by_aim: dict[Aim, list[Target]] = {}
+    for target in task.targets:
+        by_aim.setdefault(target.aim, []).append(target)
+    for aim, of_aim in sorted(by_aim.items(), key=lambda item: _rank(item[0], item[1])):
         if aim.number is not None:
-            ranked = sorted(
-                of_aim, key=lambda goal: float("inf") if costs[goal] is None else costs[goal] or 0.0
-            )
-            if len(ranked) < aim.number:
+            if len(of_aim) < aim.number:
                 raise UnknownTermError(
                     f"the goal {aim.text!r} needs {aim.number} things, and the graph knows of "
-                    f"{len(ranked)}"
+                    f"{len(of_aim)}"
                 )
-            of_aim = ranked[: aim.number]
-        goals += of_aim
-    return replace(problem, goals=tuple(dict.fromkeys(goals)))
+            # What another goal wants elsewhere comes last: one thing is not at two places.
+            of_aim = sorted(of_aim, key=lambda target: (_is_wanted(target, chosen),
+                                                        _cost_of(costs[target.goal])))  # fmt: skip
+            of_aim = of_aim[: aim.number]
+        chosen += of_aim
+    _require_one_place(chosen)
+    order = {goal: at for at, goal in enumerate(problem.goals)}
+    goals = sorted({target.goal for target in chosen}, key=lambda goal: order[goal])
+    return replace(problem, goals=tuple(goals))
+
+
+def _rank(aim: Aim, of_aim: Sequence[Target]) -> tuple[bool, int]:
+    """Return what puts the goals first that have the least choice among things."""
+    return aim.number is not None, len(of_aim) - (aim.number or 0)
+
+
+def _cost_of(cost: float | None) -> float:
+    return float("inf") if cost is None else cost
+
+
+def _is_wanted(target: Target, others: Sequence[Target]) -> bool:
+    """Tell whether another goal wants a thing at other places."""
+    return any(
+        other.subject == target.subject and other.aim.pattern == target.aim.pattern == LOCATED
+        and not set(other.goal) & set(target.goal)
+        for other in others
+    )  # fmt: skip
+
+
+def _require_one_place(chosen: Sequence[Target]) -> None:
+    """Refuse goals that exclude each other, which the search would find out only at its bound.
+
+    Raises
+    ------
+    UsageError
+        One thing is to be at two places in the end.
+    """
+    by_subject: dict[str, list[Target]] = {}
+    for target in chosen:
+        same = by_subject.setdefault(target.subject, [])
+        for other in same:
+            if _is_wanted(target, [other]):
+                raise UsageError(
+                    f"{other.aim.text!r} and {target.aim.text!r} cannot both hold in the end: "
+                    f"<{target.subject}> would have to be at two places; what is reached first is "
+                    "to stay so, also in a goal with 'then'"
+                )
+        same.append(target)
 
 
 def _result(

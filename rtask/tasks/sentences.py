@@ -10,6 +10,7 @@ import difflib
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from rtask.asking.questions.mentions import (
     MAX_MENTIONS,
@@ -18,10 +19,18 @@ from rtask.asking.questions.mentions import (
     tokens_of,
     with_called,
 )
-from rtask.asking.questions.words import stem
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.tasks.actions import Select
+from rtask.tasks.clauses import (
+    Clause,
+    Name,
+    NounPhrase,
+    is_familiar,
+    is_verb,
+    listed,
+    read_clause,
+)
 from rtask.tasks.goals import LOCATED, Aim
 from rtask.tasks.phrasing import EXCEPT, plain_goal
 
@@ -30,28 +39,12 @@ __all__ = ["MAX_TEXT", "aims_in_words"]
 MAX_TEXT = 1000
 _ROLES = {
     "object": "rt:ManipulableObject", "thing": "rt:Exemplar", "robot": "cora:Robot",
-    "place": "rt:SupportSurface", "use": "rt:ObjectFunction",
+    "place": "rt:SupportSurface", "use": "rt:ObjectFunction", "colour": "rt:Colour",
 }  # fmt: skip
 _KINDS = {"kind": "rt:ManipulableObject"}
-_INTO = frozenset(["into", "in", "onto", "on", "to", "inside", "at"])
-_ALL = frozenset(["all", "every", "each", "everything", "both"])
-_ANY = frozenset(["a", "an", "any", "some", "something", "anything", "one"])
-_NUMBERS = {"two": 2, "three": 3, "four": 4, "five": 5, "six": 6, "seven": 7, "eight": 8, "nine": 9}
-_HOLD = frozenset(["hold", "grasp", "grip", "pick", "lift", "take"])
-_CLEAR = frozenset(["empty", "clear"])
-_FILLERS = frozenset(
-    re.findall(
-        r"\w+",
-        "the of that which who is are be it them up down over please robot move put bring place "
-        "get take carry store sort drop lay set pick hold grasp grip lift give hand pass fetch "
-        "tidy clean away thing things object objects item items to with for from should must "
-        "lies lie stands stand standing lying first only just everything something anything",
-    )
-)
-_OTHERS = frozenset(("off", "my", "our"))
+_HOLDS, _CLEAR = ("grasp", "take"), ("empty", "clear")
 _IN_ORDER = "then"
 _SEPARATORS = frozenset(("and", _IN_ORDER))
-_LEFT_OUT = frozenset((EXCEPT,))
 _MAX_NAMES = 500
 
 
@@ -63,27 +56,10 @@ class _Part:
     mentions: tuple[Mention, ...]
     stage: int = 0
 
-    def words(self) -> Iterator[tuple[int, str]]:
-        """Yield the words that belong to no name, with their places."""
+    def words(self) -> Iterator[str]:
+        """Yield the words that belong to no name."""
         covered = {at for item in self.mentions for at in range(item.start, item.end)}
-        for at, token in enumerate(self.tokens):
-            if at not in covered:
-                yield at, token.lower()
-
-    def leaves_out(self) -> int | None:
-        """Return the token from which on things are named that the goal leaves out."""
-        return next((at for at, word in self.words() if word in _LEFT_OUT), None)
-
-    def before(self, mention: Mention) -> str:
-        """Return the preposition before a name; "" without one."""
-        plain = dict(self.words())
-        for at in range(mention.start - 1, -1, -1):
-            word = plain.get(at, "")
-            if word in _INTO or word in ("from", "of", "off"):
-                return word
-            if word not in ("the", "a", "an", "my", "our", "any"):
-                break
-        return ""
+        return (token.lower() for at, token in enumerate(self.tokens) if at not in covered)
 
 
 def aims_in_words(select: Select, text: str, base: str = "") -> tuple[Aim, ...]:
@@ -107,35 +83,67 @@ def aims_in_words(select: Select, text: str, base: str = "") -> tuple[Aim, ...]:
     if not text.strip() or len(text) > MAX_TEXT:
         raise UsageError(f"a goal has 1 to {MAX_TEXT} characters, not {len(text)}")
     parts = list(_parts(select, plain_goal(text), base))
-    unknown = [
-        word for part in parts for _, word in part.words() if not _is_familiar(word)
-    ]  # fmt: skip
-    if unknown:
-        raise _unknown(select, unknown[0], parts)
-    targets = [_target(part) for part in parts]
+    for part in parts:
+        for word in part.words():
+            if not is_familiar(word):
+                raise _unknown(select, word, parts)
+    clauses = _completed([read_clause(part.tokens, part.mentions) for part in parts])
     aims = []
-    for at, part in enumerate(parts):
-        target = next((item for item in targets[at:] if item is not None), None)
-        if target is None and not _has_verb(part, _HOLD):
+    for part, clause in zip(parts, clauses, strict=True):
+        if not _has_end(clause) and clause.verb not in _HOLDS:
             raise UsageError(
-                f"{' '.join(part.tokens)!r} does not say where to; understood: {_listed([part])}; "
+                f"{clause.text!r} does not say where to; understood: {listed(part.mentions)}; "
                 "a goal is such as 'every cup into the left box'"
             )
-        aim = _aim(part, target, targets[at] is not None)
+        aim = _aim(clause)
         later = f"{_IN_ORDER} " * bool(part.stage)
         aims.append(replace(aim, stage=part.stage, text=later + aim.text))
     return tuple(aims)
 
 
+def _completed(clauses: list[Clause]) -> list[Clause]:
+    """Return clauses of which those without an end of their own have that of their neighbours.
+
+    "the cups and the pens from the table into the box" has the table and the box for both. A clause
+    that begins with a verb of its own is another sentence, and lends nothing to those before it.
+    """
+    for before, clause in pairwise(clauses):
+        if not clause.verb and not _has_end(before):
+            clause.verb = before.verb
+            clause.removes |= _is_removal(clause)
+            clause.is_continued = True
+    for clause, after in zip(clauses[-2::-1], clauses[:0:-1], strict=False):
+        if clause.subject.has_bare_colour and after.is_continued:  # "the red and the blue cups"
+            clause.subject.heads = after.subject.heads
+            clause.subject.is_generic = after.subject.is_generic
+            clause.subject.is_plural = after.subject.is_plural
+        if not _has_end(clause) and after.is_continued and _has_end(after):
+            clause.target, clause.owner, clause.removes = after.target, after.owner, after.removes
+            clause.goes_back = after.goes_back
+            clause.subject.sources = clause.subject.sources or after.subject.sources
+            clause.left_out = [*clause.left_out, *after.left_out]
+    for before, clause in pairwise(clauses):
+        is_bare = not (clause.verb or clause.subject.sources or clause.left_out)
+        if is_bare and not _has_end(clause) and not before.removes:
+            clause.target, clause.owner = before.target, before.owner
+    return clauses
+
+
+def _has_end(clause: Clause) -> bool:
+    return clause.target is not None or clause.removes or clause.goes_back
+
+
+def _is_removal(clause: Clause) -> bool:
+    return clause.verb == "remove" and clause.target is None and bool(clause.subject.sources)
+
+
 def _parts(select: Select, text: str, base: str) -> Iterator[_Part]:
     stage = 0
-    for sentence in re.split(r"[;,.!]\s+|[;,.!]$", text):
+    for sentence in _sentences(text):
         tokens = tokens_of(sentence)
         if not tokens:
             continue
-        mentions = _only_called(
-            select, with_called(select, tokens, find_mentions(select, tokens, base, _ROLES, _KINDS))
-        )
+        mentions = _only_called(select, with_called(select, tokens, _find(select, tokens, base)))
         if any(item.is_cut for item in mentions):
             raise UsageError(
                 f"{sentence.strip()!r} names more than {MAX_MENTIONS} things: give their kind, a "
@@ -144,7 +152,8 @@ def _parts(select: Select, text: str, base: str) -> Iterator[_Part]:
         covered = {at for item in mentions for at in range(item.start, item.end)}
         start = 0
         for at, token in enumerate([*tokens, "and"]):
-            if at == len(tokens) or (token.lower() in _SEPARATORS and at not in covered):
+            is_end = at == len(tokens)
+            if is_end or (at not in covered and _separates(tokens, start, at)):
                 if at > start:
                     yield _Part(
                         tuple(tokens[start:at]),
@@ -153,6 +162,39 @@ def _parts(select: Select, text: str, base: str) -> Iterator[_Part]:
                     )
                 start = at + 1
                 stage += token.lower() == _IN_ORDER
+
+
+def _sentences(text: str) -> Iterator[str]:
+    """Yield sentences; the commas of a list of what is left out are read as "and"."""
+    parts = re.split(r"([;,.!]\s+|[;,.!]$)", text)
+    sentence = parts[0]
+    for mark, after in zip(parts[1::2], parts[2::2], strict=True):
+        words = tokens_of(after)
+        first = words[0].lower() if mark.startswith(",") and words else _IN_ORDER
+        goes_on = EXCEPT in tokens_of(sentence) and first != _IN_ORDER and not is_verb(first)
+        if goes_on or first == EXCEPT:
+            sentence += (" " if first in (EXCEPT, "and") else " and ") + after
+        else:
+            yield sentence
+            sentence = after
+    yield sentence
+
+
+def _separates(tokens: Sequence[str], start: int, at: int) -> bool:
+    """Return whether "and" or "then" ends a part; not within a list of what is left out."""
+    word = tokens[at].lower()
+    if word == _IN_ORDER:
+        return True
+    begun = [token.lower() for token in tokens[start:at]]
+    following = tokens[at + 1].lower() if at + 1 < len(tokens) else ""
+    if word != "and" or EXCEPT not in begun:
+        return word == "and"
+    return is_verb(following) or following == _IN_ORDER
+
+
+def _find(select: Select, tokens: list[str], base: str) -> list[Mention]:
+    # In a goal "can" is what stands on the table: its modals are replaced by now.
+    return find_mentions(select, tokens, base, _ROLES, _KINDS, has_modals=False)
 
 
 def _only_called(select: Select, mentions: Iterable[Mention]) -> list[Mention]:
@@ -175,75 +217,80 @@ def _moved(mention: Mention, by: int) -> Mention:
     return replace(mention, start=mention.start - by, end=mention.end - by)
 
 
-def _is_familiar(word: str) -> bool:
-    groups = (_FILLERS, _INTO, _ALL, _ANY, _CLEAR, _HOLD, _OTHERS, _LEFT_OUT)
-    is_number = word in _NUMBERS or word.isdigit()
-    return is_number or any(word in group or stem(word) in group for group in groups)
-
-
-def _has_verb(part: _Part, verbs: frozenset[str]) -> bool:
-    return any(stem(word) in verbs or word in verbs for _, word in part.words())
-
-
-def _target(part: _Part) -> Mention | None:
-    """Return the name of where things are to be."""
-    if _has_verb(part, _CLEAR):
-        return next((item for item in part.mentions if item.role == "place"), None)
-    named = [item for item in part.mentions if part.before(item) in _INTO]
-    for roles in (("place", "robot"), ("thing", "object")):
-        of_role = [item for item in named if item.role in roles]
-        if of_role:
-            return of_role[-1]
-    return None
-
-
-def _aim(part: _Part, target: Mention | None, is_own: bool) -> Aim:
-    if _has_verb(part, _CLEAR) and target is not None and is_own:
-        return _clearing(target, [item for item in part.mentions if item is not target])
-    spans = {(target.start, target.end)} if target is not None and is_own else set()
-    subjects, owner, conditions = [], "", ["?thing a rt:Exemplar"]
-    left_out, out = part.leaves_out(), list[str]()
-    for span in sorted({(item.start, item.end) for item in part.mentions} - spans):
-        same = [item for item in part.mentions if (item.start, item.end) == span]
-        robots = [item for item in same if item.role == "robot"]
-        before = part.before(same[0])
-        if left_out is not None and span[0] > left_out and not _is_place(same):
-            conditions.append(_without(same, len(out)))
-            out.append(same[0].text)
-        elif robots and before == "of" and target is not None and span > min(spans, default=span):
-            owner = robots[0].text
-            conditions.append(f"{_terms('owner', robots[0])} ?owner rt:reaches ?place")
-        elif _is_place(same):
-            place = next(item for item in same if item.role == "place")
-            conditions.append(f"{_terms('source', place)} ?thing rt:locatedOn ?source")
-            subjects.append(f"from {place.text}")
-        else:
-            conditions.append(_subject(same, len(subjects)))
-            called = sum(len(item.called) for item in same if item.role == "kind")
-            subjects.append(same[0].text + (f" (and {called} only called so)" if called else ""))
-    if left_out is not None and not out:
-        raise UsageError(f"{' '.join(part.tokens)!r} does not say what is left out, by its name")
-    conditions.append(_destination(target))
+def _aim(clause: Clause) -> Aim:
+    """Return a clause as a goal."""
+    subject, target = clause.subject, clause.target
+    if target is not None and clause.verb in _CLEAR and not clause.removes:
+        return _clearing(clause, target)
+    if (subject.is_empty and not subject.sources) or subject.has_bare_colour:
+        raise UsageError(f"{clause.text!r} does not say which things are to be there")
+    conditions = ["?thing a rt:Exemplar", *_conditions(subject, "subject")]
+    for at, phrase in enumerate(clause.left_out):
+        ways = " . ".join(["?thing a rt:Exemplar", *_conditions(phrase, f"left_out{at}_")])
+        conditions.append(f"MINUS {{ {ways} }}")
+    if clause.removes:
+        conditions.append(_elsewhere(subject.sources))
+    elif clause.goes_back:
+        conditions.append(_EARLIER)
+    else:
+        if clause.owner is not None:
+            conditions.append(f"{_terms('owner', _role(clause.owner, 'robot'))} "
+                              "?owner rt:reaches ?place")  # fmt: skip
+        conditions.append(_destination(target))
     conditions.append("FILTER NOT EXISTS { ?thing rt:mergedInto ?merged }")
-    number, words = _number(part, spans)
-    about = " ".join(subjects) or "everything that has a place"
-    about += "".join(f" except {name}" for name in out)
-    if not subjects:
+    if not subject.heads:
         conditions.append("?thing rt:locatedOn ?anywhere")
-    where_to = "held" if target is None else f"at {target.text}" + (f" of {owner}" if owner else "")
-    return Aim(LOCATED, " . ".join(conditions), number, f"{words} {about}: {where_to}")
+    number, words = clause.quantity or _usual_quantity(subject)
+    return Aim(LOCATED, " . ".join(conditions), number, f"{words} {_about(clause)}")
 
 
-def _is_place(same: Iterable[Mention]) -> bool:
-    return any(item.role == "place" for item in same)
+def _about(clause: Clause) -> str:
+    """Return what a goal is about, and where that is to be, for people."""
+    subject, target = clause.subject, clause.target
+    is_any = not (subject.heads or subject.colours or subject.other_colours)
+    about = f"{'everything that has a place ' * is_any}{subject.text}"
+    called = sum(len(kind.called) for head in subject.heads if (kind := head.role("kind")))
+    about = about.strip() + (f" (and {called} only called so)" if called else "")
+    about += "".join(f" except {phrase.text}" for phrase in clause.left_out)
+    if clause.removes:
+        return f"{about}: elsewhere"
+    if clause.goes_back:
+        return f"{about}: where it was before"
+    of = f" of {clause.owner.text}" if clause.owner is not None else ""
+    return f"{about}: held" if target is None else f"{about}: at {target.text}{of}"
 
 
-def _without(same: Sequence[Mention], number: int) -> str:
-    """Return the condition that things do not fit a name."""
-    return f"MINUS {{ {_subject(same, number, 'left_out')} }}"
+def _conditions(phrase: NounPhrase, prefix: str) -> Iterator[str]:
+    """Yield the conditions that things are what a phrase says."""
+    for at, name in enumerate(phrase.heads):
+        yield _fitting(name, f"{prefix}{at}")
+    for number, name in enumerate(phrase.colours):
+        colour = f"{prefix}_colour{number}"
+        yield f"{_terms(colour, _role(name, 'colour'))} ?thing rt:exemplarOf/rt:hasColour ?{colour}"
+    for number, name in enumerate(phrase.other_colours):
+        # Of what nobody has seen the colour of, it is not known that it is not red.
+        any_colour, colours = (
+            f"{prefix}_any{number}",
+            " ".join(map(str, _role(name, "colour").terms)),
+        )
+        yield (
+            f"?thing rt:exemplarOf/rt:hasColour ?{any_colour} . FILTER NOT EXISTS {{ "
+            f"VALUES ?not_{any_colour} {{ {colours} }} "
+            f"?thing rt:exemplarOf/rt:hasColour ?not_{any_colour} }}"
+        )
+    for number, name in enumerate(phrase.sources):
+        source = f"{prefix}_source{number}"
+        yield f"{_terms(source, _role(name, 'place'))} ?thing rt:locatedOn ?{source}"
 
 
-def _subject(same: Sequence[Mention], number: int, prefix: str = "subject") -> str:
+def _role(name: Name, role: str) -> Mention:
+    mention = name.role(role)
+    if mention is None:
+        raise UsageError(f"{name.text!r} is no {role}")
+    return mention
+
+
+def _fitting(name: Name, variable: str) -> str:
     """Return the condition that things fit a name; where it can mean several, any of these.
 
     A kind means what is called so as well, as in questions: nobody need have classified carton-6.
@@ -253,14 +300,11 @@ def _subject(same: Sequence[Mention], number: int, prefix: str = "subject") -> s
         "kind": "?thing rt:exemplarOf/a ?%s", "object": "?thing rt:exemplarOf ?%s",
         "thing": "BIND(?%s AS ?thing)", "use": "?thing rt:exemplarOf/rt:hasFunction ?%s",
     }  # fmt: skip
-    name = f"{prefix}{number}"
-    fitting = [item for item in same if item.role in ways]
-    if not fitting:
-        raise UsageError(f"{same[0].text!r} is a {same[0].role}, and nothing that can be moved")
-    parts = [f"{{ {_terms(name, item)} {ways[item.role] % name} }}" for item in fitting]
+    fitting = [item for item in name.mentions if item.role in ways]
+    parts = [f"{{ {_terms(variable, item)} {ways[item.role] % variable} }}" for item in fitting]
     called = " ".join(str(term) for item in fitting if item.role == "kind" for term in item.called)
     if called:
-        parts.append(f"{{ VALUES ?{name} {{ {called} }} ?thing rt:exemplarOf ?{name} }}")
+        parts.append(f"{{ VALUES ?{variable} {{ {called} }} ?thing rt:exemplarOf ?{variable} }}")
     return " UNION ".join(parts)
 
 
@@ -268,62 +312,59 @@ def _terms(name: str, mention: Mention) -> str:
     return f"VALUES ?{name} {{ {' '.join(map(str, mention.terms))} }}"
 
 
-def _destination(target: Mention | None) -> str:
+def _destination(target: Name | None) -> str:
     if target is None:
         return "?robot a cora:Robot ; rt:hasEndEffector ?place"
-    terms = _terms("target", target)
-    if target.role == "robot":
+    place = target.role("place")
+    if place is not None:
+        return f"VALUES ?place {{ {' '.join(map(str, place.terms))} }}"
+    mention = target.role("robot", "thing", "object")
+    assert mention is not None
+    terms = _terms("target", mention)
+    if mention.role == "robot":
         return f"{terms} ?target rt:hasEndEffector ?place"
-    if target.role == "object":
+    if mention.role == "object":
         return f"{terms} {{ BIND(?target AS ?place) }} UNION {{ ?place rt:exemplarOf ?target }}"
-    return f"VALUES ?place {{ {' '.join(map(str, target.terms))} }}"
+    return f"VALUES ?place {{ {' '.join(map(str, mention.terms))} }}"
 
 
-def _clearing(target: Mention, others: Sequence[Mention]) -> Aim:
-    """Return the goal that nothing is at a place any more.
+def _elsewhere(sources: Sequence[Name]) -> str:
+    """Return the condition that a place is one that robots reach, and none of some."""
+    terms = [str(term) for name in sources for term in _role(name, "place").terms]
+    return f"?robot rt:reaches ?place FILTER(?place NOT IN ({', '.join(terms)}))"
 
-    Raises
-    ------
-    UsageError
-        Something else than a robot that reaches the place is named.
+
+_EARLIER = """?was rt:placementOf ?thing ; rt:placedOn|rt:placedIn ?place ;
+  time:hasEnd/time:inXSDDateTimeStamp ?end . ?place a rt:SupportSurface . FILTER NOT EXISTS {
+    ?later rt:placementOf ?thing ; rt:placedOn|rt:placedIn ?other ;
+      time:hasEnd/time:inXSDDateTimeStamp ?later_end . ?other a rt:SupportSurface
+    FILTER(?later_end > ?end) } FILTER NOT EXISTS { ?thing rt:locatedOn ?place }"""
+"""That a place is the one where a thing was last, the present one and hands aside."""
+
+
+def _clearing(clause: Clause, target: Name) -> Aim:
+    """Return the goal that nothing, or nothing of a kind, is at a place any more."""
+    place = _role(target, "place")
+    owner = ""
+    if clause.owner is not None:
+        owner = f"{_terms('owner', _role(clause.owner, 'robot'))} ?owner rt:reaches ?source"
+    conditions = [
+        "?thing a rt:Exemplar", f"{_terms('source', place)} ?thing rt:locatedOn ?source",
+        owner, *_conditions(clause.subject, "subject"), _elsewhere([target]),
+    ]  # fmt: skip
+    what = clause.subject.text or "everything"
+    where = " . ".join(filter(None, conditions))
+    return Aim(LOCATED, where, None, f"{what} at {target.text}: elsewhere")
+
+
+def _usual_quantity(subject: NounPhrase) -> tuple[int | None, str]:
+    """Return for how many things a goal is meant that does not say so.
+
+    The name of a product means all things of it.
     """
-    robots = [item for item in others if item.role == "robot"]
-    if len(robots) < len({(item.start, item.end) for item in others}):
-        raise UsageError(f"to clear {target.text!r}, name the place and, if need be, its robot")
-    owner = "".join(f"{_terms('owner', item)} ?owner rt:reaches ?source . " for item in robots)
-    places = " ".join(map(str, target.terms))
-    where = (
-        f"VALUES ?source {{ {places} }} {owner}?thing a rt:Exemplar ; rt:locatedOn ?source . "
-        f"?robot rt:reaches ?place FILTER(?place NOT IN ({', '.join(map(str, target.terms))}))"
-    )
-    return Aim(LOCATED, where, None, f"everything at {target.text}: elsewhere")
-
-
-def _number(part: _Part, target: Iterable[tuple[int, int]]) -> tuple[int | None, str]:
-    """Return for how many things a goal is meant, None for all; and the words for that.
-
-    The name of a product without a word for how many means all things of it.
-    """
-    end = min((start for start, _ in target), default=len(part.tokens))
-    words = [word for at, word in part.words() if at < end]
-    for word in words:
-        if word in _ALL:
-            return None, "all:"
-        if word.isdigit() and int(word) > 0:
-            return int(word), f"{int(word)} of:"
-        if word in _NUMBERS:
-            return _NUMBERS[word], f"{_NUMBERS[word]} of:"
-        if word in _ANY:
-            return 1, "one of:"
-    if any(item.is_plural for item in part.mentions if item.start < end) or not part.mentions:
-        return None, "all:"
-    is_kind = any(item.role in ("kind", "use") for item in part.mentions if item.start < end)
-    return (1, "one of:") if is_kind else (None, "all:")
-
-
-def _listed(parts: Iterable[_Part]) -> str:
-    named = [f"{item.text!r} ({item.role})" for part in parts for item in part.mentions]
-    return ", ".join(dict.fromkeys(named)) or "nothing"
+    is_kind = any(name.role("kind", "use") for name in subject.heads)
+    is_single = is_kind or subject.is_generic
+    return (1, "one of:") if is_single and not subject.is_plural else (None, "all:")
 
 
 def _unknown(select: Select, word: str, parts: Sequence[_Part]) -> UnknownTermError:
@@ -338,5 +379,5 @@ def _unknown(select: Select, word: str, parts: Sequence[_Part]) -> UnknownTermEr
     hint = f"; the nearest names are {', '.join(near)}" if near else ""
     return UnknownTermError(
         f"{word!r} means nothing in a goal and is no name in the graph{hint}; "
-        f"understood: {_listed(parts)}"
+        f"understood: {listed([item for part in parts for item in part.mentions])}"
     )

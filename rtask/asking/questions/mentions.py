@@ -102,6 +102,7 @@ def find_mentions(
     base: str = "",
     roles: Mapping[str, str] = _ROLES,
     kinds: Mapping[str, str] = _KINDS,
+    has_modals: bool = True,
 ) -> list[Mention]:
     """Return what the tokens of a question name; longer names hide what lies within them.
 
@@ -111,8 +112,10 @@ def find_mentions(
         What ``kb:`` stands for; empty where that is not known.
     roles, kinds
         Roles that a mention can have: of the instances of a class, and of the classes below one.
+    has_modals
+        Whether "can" is a verb where no article stands before it; else it is always the object.
     """
-    names, terms = _candidates(tokens, base)
+    names, terms = _candidates(tokens, base, has_modals)
     rows = _look_up(select, names, terms, roles, kinds)
     is_cut = len(rows) > MAX_MENTIONS
     result: dict[tuple[int, int, str], list[tuple[Term, bool]]] = {}
@@ -233,7 +236,7 @@ _Places = dict[str, list[tuple[int, int]]]
 
 
 def _candidates(
-    tokens: list[str], base: str
+    tokens: list[str], base: str, has_modals: bool
 ) -> tuple[_Places, dict[Term | None, list[tuple[int, int]]]]:
     """Return the names and the terms that stretches of a question may be, with their places."""
     reader = Reader(base)
@@ -246,7 +249,8 @@ def _candidates(
             if term is not None:
                 terms.setdefault(term, []).append((start, end))
             continue
-        if all(word.lower() in STOP for word in words) or _is_modal(tokens, start, end):
+        is_modal = _is_modal(tokens, start, end)
+        if has_modals if is_modal else all(word.lower() in STOP for word in words):
             continue
         for name in forms(words):
             names.setdefault(name, []).append((start, end))
