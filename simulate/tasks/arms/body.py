@@ -55,12 +55,15 @@ class Sighting:
         IRI of its product; empty if it was not recognised.
     observation
         The view of it as a message.
+    likeness
+        Confidence that it is of this product, above 1 if the graph accepts it as that.
     """
 
     seen: Seen
     view: View
     object: str
     observation: dict[str, Any]
+    likeness: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -143,11 +146,14 @@ class ArmBody:
         An arm that has lost what it held is out of the way then. What is not seen at once is looked
         for from elsewhere, and where only the cameras get to.
         """
+        self._release_lost()
+        there = next((at for at in (*self._arms, *self._places) if self.sees(item, at)), None)
+        return there or self.place_seen(item)
+
+    def _release_lost(self) -> None:
         for hand, held in list(self._held.items()):
             if not self._feels(held.item, hand):
                 self._let_go(hand)
-        there = next((at for at in (*self._arms, *self._places) if self.sees(item, at)), None)
-        return there or self.place_seen(item)
 
     def is_seen(self, item: str, place: str) -> bool:
         """Look whether a thing is in an area, from any viewpoint."""
@@ -157,8 +163,19 @@ class ArmBody:
         """Look for a thing in all areas that the cameras show, from all viewpoints."""
         return next((at for at in self._shown if self.is_seen(item, at)), None)
 
+    def count_seen(self, item: str, place: str) -> int:
+        """Return how many of the product of a thing are seen in an area, at most from one view."""
+        product, views = self.product(item), range(len(self.robot.viewpoints(self._shown[place])))
+        return max(sum(s.object == product for s in self.look(place, view)) for view in views)
+
+    def holds(self, item: str) -> bool:
+        """Return whether a hand has a thing, by what this program knows."""
+        return any(held.item == item for held in self._held.values())
+
     def displaced(self) -> Mapping[str, str | None]:
         """Look for what stood around the last action; return what is no longer where it was."""
+        # An arm that lost what it held goes home first: on its way it may push something, too.
+        self._release_lost()
         return self._bystanders.displaced()
 
     def picture(self) -> bytes | None:
@@ -180,7 +197,7 @@ class ArmBody:
         moment, key = self.robot.world.moment, (place, number)
         if key not in self._seen or self._seen[key][0] != moment:
             view, inside = self.robot.look_at(self._shown[place], number)
-            self._seen[key] = moment, [self._recognise(seen, view) for seen in inside]
+            self._seen[key] = moment, _told_apart([self._recognise(s, view) for s in inside])
         return self._seen[key][1]
 
     def look_anew(self) -> None:
@@ -225,7 +242,7 @@ class ArmBody:
             self._let_go(hand)
             return Deed(False, "slip_transport")
         area, run = self._places[place], held.run
-        self._bystanders.note(item)
+        self._bystanders.note(item, place)
         # Where the others were when the grasp was planned, they may be no longer.
         still = [obstacle for obstacle in run.plan.obstacles
                  if not isinstance(obstacle, Obstacle) or obstacle.name != OTHER_ROBOT]  # fmt: skip
@@ -282,9 +299,9 @@ class ArmBody:
         pushed there. A look tells products apart, not things: those of the same product that stood
         there before are no news.
         """
-        product = self._product(item)
+        product = self.product(item)
         equal = Counter(at for other, at in self._bystanders.known.items()
-                        if other != item and self._product(other) == product)  # fmt: skip
+                        if other != item and self.product(other) == product)  # fmt: skip
         seen = {at: sum(s.object == product for s in self.look(at)) for at in self._tables}
         elsewhere = sum(seen[at] - equal[at] for at in self._tables if at != place)
         return elsewhere > 0 and seen.get(place, 0) <= equal[place]
@@ -336,7 +353,7 @@ class ArmBody:
         What has fallen over shows a side that the graph may not know: then it is the only thing in
         the area that is nothing else, if it has the size that this robot saw of it.
         """
-        product, there = self._product(item), self.look(place, number)
+        product, there = self.product(item), self.look(place, number)
         sighting = next((seen for seen in there if seen.object == product), None)
         if sighting is None and item in self._sizes:
             strangers = [seen for seen in there if not seen.object]
@@ -346,7 +363,8 @@ class ArmBody:
             self._sizes.setdefault(item, _size(sighting))
         return sighting
 
-    def _product(self, item: str) -> str:
+    def product(self, item: str) -> str:
+        """Return the IRI of the product of a thing; empty if the graph has none."""
         if item not in self._products:
             rows = self.graph.query(_PRODUCT % item)
             self._products[item] = str(rows[0]["product"]) if rows else ""
@@ -367,17 +385,18 @@ class ArmBody:
         )  # fmt: skip
         recognition = answer["recognition"]
         matches = recognition["matches"]
-        product = str(answer["object"]) if recognition["accepted"] else ""
-        if not product and matches and matches[0]["confidence"] >= _RESEMBLES:
-            product = str(matches[0]["object"])
-        return Sighting(seen, view, product, observation)
+        best = float(matches[0]["confidence"]) if matches else 0.0
+        if recognition["accepted"]:
+            return Sighting(seen, view, str(answer["object"]), observation, 1.0 + best)
+        product = str(matches[0]["object"]) if best >= _RESEMBLES else ""
+        return Sighting(seen, view, product, observation, best)
 
     def _ask(
         self, sighting: Sighting, item: str, hand: str, seconds: dict[str, float]
     ) -> tuple[dict[str, Any], TrackedObject]:
         """Ask the graph for grasps of a thing; return the answer and the thing as it is planned."""
         self._asked += 1
-        track = TrackedObject(self._asked, sighting.seen, self._product(item))
+        track = TrackedObject(self._asked, sighting.seen, self.product(item))
         request = {
             "task": "pick",
             "gripper_id": self.hands[hand],
@@ -413,6 +432,17 @@ class ArmBody:
 def _nowhere(observation: Mapping[str, Any]) -> dict[str, Any]:
     """Return an observation without the name of its frame; its poses stay in the base frame."""
     return {name: value for name, value in observation.items() if name != "frame_id"}
+
+
+def _told_apart(sightings: list[Sighting]) -> list[Sighting]:
+    """Return what one view shows, where of things that resemble a product only the likest is it.
+
+    A can beside a box that resembles this can would else be picked up as the can, or the box would.
+    """
+    best = {s.object: s for s in sorted(sightings, key=lambda s: s.likeness)}
+    return [
+        s if s.likeness > 1 or s is best[s.object] else replace(s, object="") for s in sightings
+    ]
 
 
 def _size(sighting: Sighting) -> list[float]:

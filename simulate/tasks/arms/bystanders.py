@@ -7,6 +7,7 @@ before a motion and is not seen after it is no longer said to be there.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
@@ -25,6 +26,15 @@ class Observer(Protocol):
     def place_seen(self, item: str) -> str | None:
         """Look for a thing in all areas; return the one in which it is seen."""
 
+    def count_seen(self, item: str, place: str) -> int:
+        """Return how many of the product of a thing are seen in an area, at most from one view."""
+
+    def product(self, item: str) -> str:
+        """Return the IRI of the product of a thing."""
+
+    def holds(self, item: str) -> bool:
+        """Return whether a hand has a thing."""
+
 
 class Bystanders:
     """Things on the areas of the table that a robot gets to.
@@ -42,25 +52,42 @@ class Bystanders:
     def __init__(self, observer: Observer, graph: Graph, areas: Sequence[str]) -> None:
         self._observer, self._graph, self._areas = observer, graph, areas
         self._stood: dict[str, str] = {}
+        self._counted: set[tuple[str, str]] = set()
+        self._but, self._but_at = "", frozenset[str]()
         self.known: Mapping[str, str] = {}
         """Areas of things, as the graph had them before the last motion, by IRI."""
 
-    def note(self, but: str) -> None:
+    def note(self, but: str, target: str = "") -> None:
         """Look what stands there before the robot moves something.
 
         What it does not recognise now is left out: not seen afterwards, it says nothing.
 
         Parameters
         ----------
-        but
-            IRI of the thing that is to be moved.
+        but, target
+            IRIs of the thing that is to be moved, and of the area it is to be put onto, if any.
         """
         self.known = self._whereabouts()
+        self._but, self._but_at = but, frozenset((self.known.get(but, ""), target))
         self._stood = {
             item: place
             for item, place in self.known.items()
             if item != but and self._observer.is_seen(item, place)
         }
+        equal = Counter((place, self._observer.product(item)) for item, place in self.known.items())
+        # Seen less than all of them before, a count says nothing about them afterwards.
+        self._counted = {
+            (place, self._observer.product(item))
+            for item, place in self.known.items()
+            if self._is_of_several(equal, place, item)
+            and self._observer.count_seen(item, place) >= equal[place, self._observer.product(item)]
+        }
+
+    def _is_of_several(self, equal: Mapping[tuple[str, str], int], place: str, item: str) -> bool:
+        """Tell whether an area has, or is to have, several things of one product."""
+        product = self._observer.product(item)
+        comes = self.known.get(self._but) != place and place in self._but_at
+        return equal[place, product] + (comes and self._observer.product(self._but) == product) > 1
 
     def displaced(self) -> Mapping[str, str | None]:
         """Look for what stood there; return where the rest is seen now, None where that is nowhere.
@@ -68,10 +95,43 @@ class Bystanders:
         What another robot has taken meanwhile, as the graph has it, is left out.
         """
         gone = [item for item, at in self._stood.items() if not self._observer.is_seen(item, at)]
+        gone += self._missing_equals(gone)
         now = self._whereabouts() if gone else {}
         still = [item for item in gone if now.get(item) == self._stood[item]]
+        moved = {item: self._place_of(item) for item in still}
         self._stood = {}
-        return {item: self._observer.place_seen(item) for item in still}
+        return moved
+
+    def _missing_equals(self, gone: Sequence[str]) -> list[str]:
+        """Return so many of equal things as are no longer seen: which of them, nobody can tell."""
+        groups: dict[tuple[str, str], list[str]] = {}
+        for item, place in self._stood.items():
+            if item not in gone:
+                groups.setdefault((place, self._observer.product(item)), []).append(item)
+        missing: list[str] = []
+        for (place, product), items in groups.items():
+            if (place, product) in self._counted:
+                seen = self._observer.count_seen(items[0], place)
+                free = max(seen - self._is_there_too(place, product), 0)
+                missing += sorted(items)[free:]
+        return missing
+
+    def _is_there_too(self, place: str, product: str) -> bool:
+        """Whether the thing that was to be moved is one of the equal things of an area now."""
+        is_equal = self._observer.product(self._but) == product
+        return is_equal and place in self._but_at and not self._observer.holds(self._but)
+
+    def _place_of(self, item: str) -> str | None:
+        """Return where a displaced thing is seen now: not where others of its product stood."""
+        product = self._observer.product(item)
+        equal = Counter(at for other, at in self.known.items()
+                        if other != item and self._observer.product(other) == product)  # fmt: skip
+        if not equal:
+            return self._observer.place_seen(item)
+        more = (at for at in self._areas if at != self._stood[item]
+                and self._observer.count_seen(item, at)
+                > equal[at] + self._is_there_too(at, product))  # fmt: skip
+        return next(more, None)
 
     def _whereabouts(self) -> dict[str, str]:
         """Return the areas of things as the graph has them, by IRI."""

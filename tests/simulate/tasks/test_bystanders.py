@@ -10,6 +10,7 @@ import rtask
 from rtask.engine import Engine
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.arms.bench import Bench
+from simulate.tasks.arms.bystanders import Bystanders
 from simulate.tasks.arms.introducing import introduce, survey
 from simulate.tasks.arms.layouts import own_table
 from simulate.tasks.executor import Executor
@@ -51,7 +52,7 @@ def test_what_stood_beside_a_motion_is_looked_for_after_it(tmp_path):
                                if bench.area_of(laid.body) == "right half"]  # fmt: skip
 
             body._bystanders.note(taken)
-            body._products[taken] = body._product(other)  # as if they were two of one product
+            body._products[taken] = body.product(other)  # as if they were two of one product
             assert not body._lies_elsewhere(taken, at["left box"]), (
                 "its equal stands where it stood"
             )
@@ -76,6 +77,78 @@ def test_what_stood_beside_a_motion_is_looked_for_after_it(tmp_path):
             assert body.displaced() == {other: None}
     finally:
         bench.close()
+
+
+class Eyes:
+    """Eyes that tell products apart, not things: each area has so many of a product."""
+
+    def __init__(self, where: dict[str, list[str]]) -> None:
+        self.where, self.held = where, ""
+
+    def product(self, item: str) -> str:
+        return item.rstrip("0123456789")
+
+    def holds(self, item: str) -> bool:
+        return item == self.held
+
+    def count_seen(self, item: str, place: str) -> int:
+        return self.where.get(place, []).count(self.product(item))
+
+    def is_seen(self, item: str, place: str) -> bool:
+        return self.count_seen(item, place) > 0
+
+    def place_seen(self, item: str) -> str | None:
+        return next((place for place in self.where if self.is_seen(item, place)), None)
+
+
+class KnownPlaces:
+    """A graph that says where things are."""
+
+    def __init__(self, **places: str) -> None:
+        self.rows = [{"thing": thing, "place": place} for thing, place in places.items()]
+
+    def query(self, sparql: str) -> list[dict[str, str]]:
+        return self.rows
+
+
+@pytest.mark.parametrize(
+    ("after", "is_held", "moved"),
+    [
+        ({"here": ["can", "can"]}, True, {}),
+        ({"here": ["can"]}, True, {"can3": None}),
+        ({"here": ["can"], "there": ["can"]}, True, {"can3": "there"}),
+        (
+            {"here": ["can", "can"]},
+            False,
+            {"can3": None},
+        ),  # can1 stayed: the graph has it here, too
+        ({"here": ["can", "can", "can"]}, False, {}),
+        ({"here": []}, True, {"can2": None, "can3": None}),
+    ],
+)
+def test_of_equal_things_so_many_are_missed_as_are_no_longer_seen(after, is_held, moved):
+    eyes = Eyes({"here": ["can"] * 3, "there": []})
+    graph = KnownPlaces(can1="here", can2="here", can3="here")
+    bystanders = Bystanders(eyes, graph, ["here", "there"])
+    bystanders.note("can1")
+    eyes.where, eyes.held = after, "can1" * is_held
+    assert bystanders.displaced() == moved
+
+
+def test_equal_things_that_were_not_all_seen_before_are_not_missed():
+    eyes = Eyes({"here": ["can"] * 2})
+    bystanders = Bystanders(eyes, KnownPlaces(can1="here", can2="here", can3="here"), ["here"])
+    bystanders.note("can1")
+    eyes.where, eyes.held = {"here": ["can"]}, "can1"
+    assert bystanders.displaced() == {}
+
+
+def test_a_thing_put_beside_its_equal_does_not_stand_for_it():
+    eyes = Eyes({"here": ["can"], "there": []})
+    bystanders = Bystanders(eyes, KnownPlaces(can1="hand", can2="here"), ["here", "there"])
+    bystanders.note("can1", "here")
+    eyes.where = {"here": ["can"]}
+    assert bystanders.displaced() == {"can2": None}, "it pushed its equal away, and stands there"
 
 
 class Clumsy:
