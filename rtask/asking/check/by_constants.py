@@ -57,6 +57,9 @@ class ByConstants(Look):
         for variable, kind in context.compared:
             if is_same_variable(variable, demand.node) and not _may_be(demand, kind):
                 what = demanded(self._vocabulary, demand)
+                if demand.datatypes:
+                    kinds = " or ".join(sorted(f"xsd:{local(one)}" for one in demand.datatypes))
+                    what += f" of type {kinds}"
                 read = "value with an order" if kind == "ordered" else kind
                 return f"?{demand.node.value} is read as a {read}, but {what}"
         return ""

@@ -10,12 +10,14 @@ Network Ontology, 2017, section 4.3; Time Ontology in OWL, 2022, section 4.
 
 from __future__ import annotations
 
+import re
+
 import ontology
 from rtask.rdf.terms import XSD
 
 __all__ = [
     "CLASS", "KINDS", "MUTUAL", "OF_RULES", "OF_STANDARDS", "ONTOLOGY", "PROPERTIES", "PROPERTY",
-    "is_reserved", "reserved_terms",
+    "is_reserved", "is_shacl", "reserved_terms", "shacl_terms",
 ]  # fmt: skip
 
 _RDF, _RDFS = ontology.PREFIXES["rdf"], ontology.PREFIXES["rdfs"]
@@ -129,6 +131,34 @@ _NAMES = {
         anyAtomicType anyType length minLength maxLength pattern minInclusive maxInclusive
         minExclusive maxExclusive totalDigits fractionDigits""",
 }
+_SH = ontology.PREFIXES["sh"]
+_SHACL = frozenset(
+    re.findall(
+        r"\w+",
+        """
+    AbstractResult BlankNode BlankNodeOrIRI BlankNodeOrLiteral IRI IRIOrLiteral Literal Info
+    NodeShape Parameter Parameterizable PrefixDeclaration PropertyGroup PropertyShape
+    ResultAnnotation SPARQLAskExecutable SPARQLAskValidator SPARQLConstraint
+    SPARQLConstructExecutable SPARQLExecutable SPARQLFunction SPARQLRule SPARQLSelectExecutable
+    SPARQLSelectValidator SPARQLTarget SPARQLTargetType SPARQLUpdateExecutable Severity Shape
+    Target TargetType TripleRule Rule Rules Function ValidationReport ValidationResult Validator
+    Violation Warning alternativePath and annotationProperty annotationValue annotationVarName ask
+    class closed condition conforms construct datatype deactivated declare defaultValue
+    description detail disjoint entailment equals expression expressionShape filterShape flags
+    focusNode group hasValue ignoredProperties in intersection inversePath labelTemplate
+    languageIn lessThan lessThanOrEquals maxCount maxExclusive maxInclusive maxLength memberShape
+    message minCount minExclusive minInclusive minLength name namespace node nodeKind nodeShape
+    nodes nodeValidator not object oneOrMorePath optional or order parameter path pattern
+    predicate prefix prefixes property propertyValidator qualifiedMaxCount qualifiedMinCount
+    qualifiedValueShape qualifiedValueShapesDisjoint result resultAnnotation resultMessage
+    resultPath resultSeverity returnType rule select severity shapesGraph shapesGraphWellFormed
+    sourceConstraint sourceConstraintComponent sourceShape sparql subject suggestedShapesGraph
+    target targetClass targetNode targetObjectsOf targetSubjectsOf this union uniqueLang update
+    validator value values xone zeroOrMorePath zeroOrOnePath
+        """,
+    )
+)
+"""Terms of the Shapes Constraint Language (W3C, 2017) and of SHACL Advanced Features."""
 _TERMS = {space: frozenset(names.split()) for space, names in _NAMES.items()}
 
 
@@ -145,6 +175,23 @@ def is_reserved(iri: str) -> bool | None:
             name = iri[len(space) :]
             return name in names or (space == _RDF and name[:1] == "_" and name[1:].isdigit())
     return None
+
+
+def is_shacl(iri: str) -> bool | None:
+    """Return whether SHACL has a term of its namespace; None for one of another namespace.
+
+    >>> is_shacl(_SH + "path"), is_shacl(_SH + "pth"), is_shacl("urn:x")
+    (True, False, None)
+    """
+    if not iri.startswith(_SH):
+        return None
+    name = iri[len(_SH) :]
+    return name in _SHACL or name.endswith("ConstraintComponent") or name.startswith("js")
+
+
+def shacl_terms() -> list[str]:
+    """Return the terms of SHACL."""
+    return [_SH + name for name in sorted(_SHACL)]
 
 
 def reserved_terms(iri: str) -> list[str]:

@@ -7,11 +7,17 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 import ontology
 from rtask.asking.check.findings import Edit, Finding, Repair, Severity
 from rtask.asking.check.fitting import Fitting
-from rtask.asking.check.metamodel import is_reserved, reserved_terms
+from rtask.asking.check.metamodel import (
+    is_reserved,
+    is_shacl,
+    reserved_terms,
+    shacl_terms,
+)
 from rtask.asking.check.naming.names import likeness, may_be_like
 from rtask.asking.check.syntax.outline import Edge, Node, Outline
 from rtask.asking.check.syntax.writing import written
@@ -119,6 +125,7 @@ class Unknown:
             yield from self._misspelt(node, edge)
             return
         if iri.startswith(_OPEN) or is_reserved(iri):
+            yield from self._near_open(node, edge)
             return
         if iri in self._vocabulary.bit:
             words = f"{self._short(node)} is a class, not a property"
@@ -137,6 +144,7 @@ class Unknown:
             yield from self._misspelt(node, edge)
             return
         if iri in self._vocabulary.bit or iri.startswith(_OPEN) or is_reserved(iri):
+            yield from self._near_open(node, edge)
             return
         if iri in self._vocabulary.properties:
             words = f"{self._short(node)} is a property, not a class"
@@ -175,6 +183,19 @@ class Unknown:
             words = f"there is no term {self._short(node)}"
             yield self._finding("unknown-term", node, words, near, None)
 
+    def _near_open(self, node: Node, edge: Edge) -> Iterator[Finding]:
+        """Yield a term of SHACL that its recommendation does not have, but one spelt much like it.
+
+        The vocabulary is open to extensions, so that what is like none of its terms is no fault.
+        """
+        if is_shacl(node.value) is not False or self._evidence.is_used(node.value):
+            return
+        name = local(node.value).lower()
+        near = max(shacl_terms(), key=lambda iri: likeness(name, local(iri).lower()))
+        if likeness(name, local(near).lower()) >= _NEAR:
+            words = f"there is no term {self._short(node)}"
+            yield self._finding("unknown-term", node, words, [near], edge, "likely")
+
     def _misspelt(self, node: Node, edge: Edge | None) -> Iterator[Finding]:
         """Yield the fault of a term that a closed vocabulary does not have."""
         if self._evidence.is_used(node.value):
@@ -191,6 +212,8 @@ class Unknown:
         """Return how sure it is that an unknown term is a fault; None for not at all."""
         if iri.startswith(ontology.NS) or (not self._kb.plain and iri.startswith(self._kb.base)):
             return "certain"
+        if candidates and local(iri) == local(candidates[0]) and _is_of_site(iri, candidates[0]):
+            return "likely"  # http for https, or "/" for "#": the namespace is the slip
         namespace = iri[: len(iri) - len(local(iri))]
         in_known = namespace in self._vocabulary.namespaces
         is_near = bool(candidates) and likeness(local(iri), local(candidates[0])) >= _NEAR
@@ -284,6 +307,12 @@ class Unknown:
 
     def _short(self, node: Node) -> str:
         return written(node.value, self._outline.prefixes, self._kb.base)
+
+
+def _is_of_site(iri: str, other: str) -> bool:
+    """Return whether two IRIs begin with the same host and the same first part of the path."""
+    sites = [(parts.netloc, parts.path.split("/")[1:2]) for parts in map(urlsplit, (iri, other))]
+    return bool(sites[0][0]) and sites[0] == sites[1]
 
 
 def _names(node: Node) -> tuple[str, str]:

@@ -28,6 +28,7 @@ from rtask.asking.questions.filling import (
     fill,
     filled_query,
     individual,
+    single_things,
     unused_mentions,
 )
 from rtask.asking.questions.matching import APART, ASKED, NEAR, Match, matcher
@@ -48,7 +49,7 @@ from rtask.asking.questions.totals import (
     counts_attempts,
     total,
 )
-from rtask.asking.questions.why import why_of
+from rtask.asking.questions.why import why_of, why_of_attempts, why_of_facts
 from rtask.asking.questions.words import split_name
 from rtask.errors import UsageError
 from rtask.rdf.terms import Term, python_value
@@ -243,7 +244,7 @@ def _total(run: Select, text: str, noun: str, reading: Reading) -> Answer:
             return replace(by_kind, sentence=words, count=whole.count)
     return Answer(
         text, TOTAL, whole.understood, {}, (), whole.sparql, whole.rows, {}, whole.sentence,
-        _nearest(matches), count=whole.count,
+        _nearest(matches), why=why_of(run, whole.rows, whole.sparql), count=whole.count,
     )  # fmt: skip
 
 
@@ -279,7 +280,9 @@ def _total_of(run: Select, text: str, part: Part, reading: Reading) -> Answer:
     }
     return Answer(
         text, TOTAL, whole.understood, filled, (), whole.sparql, whole.rows, {}, whole.sentence,
-        _nearest(matcher().matches(reading.asked)), count=whole.count,
+        _nearest(matcher().matches(reading.asked)),
+        why=(why_of_attempts(part.objects, part.robots) or why_of(run, whole.rows, whole.sparql)),
+        count=whole.count,
     )  # fmt: skip
 
 
@@ -290,7 +293,7 @@ def _answer(run: Select, text: str, reading: Reading, base: str) -> Answer:
     if noun is not None:
         match = about(run, noun, reading.tokens, reading.mentions, base)
         if match is not None:
-            return _answer_about(text, match)
+            return _answer_about(run, text, match)
         if reading.ignored and len(noun.split()) <= MAX_NOUN and "there" not in noun:
             return _unanswered(text, reading, not_named(noun, reading.mentions), ())
     matches = matcher().matches(reading.asked)
@@ -362,7 +365,7 @@ def _answered(
         + called_only(run, filled, rows),
         nearest,
         is_cut,
-        why_of(run, rows, sparql),
+        why_of(run, rows, sparql, single_things(filled)),
         count,
     )
 
@@ -405,13 +408,16 @@ def _changes(text: str, changed: ChangedBeliefs) -> Answer:
     )  # fmt: skip
 
 
-def _answer_about(text: str, answer: About) -> Answer:
+def _answer_about(run: Select, text: str, answer: About) -> Answer:
     """Return the answer to what something is."""
     rows = answer.rows[:MAX_ROWS]
+    named = {term.strip("<>") for _, terms in answer.filled.values() for term in terms}
+    thing = named.pop() if len(named) == 1 else ""
     return Answer(
         text, answer.key, answer.understood, answer.filled, (), answer.sparql, rows,
         {str(python_value(term)): name for term, name in answer.names.items()}, answer.sentence,
         (), len(answer.rows) > MAX_ROWS or len(answer.rows) == MAX_FACTS,
+        why_of_facts(rows, thing) if thing else why_of(run, rows, answer.sparql),
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ __all__ = [
     "fill",
     "filled_query",
     "projected",
+    "single_things",
     "unused_mentions",
     "with_prefixes",
     "without_order",
@@ -93,6 +94,17 @@ def by_role(filled: Iterable[Filled]) -> dict[str, tuple[str, tuple[str, ...]]]:
             role, number = f"{item.slot.role} {number}", number + 1
         result[role] = (item.text, tuple(map(str, item.terms)))
     return result
+
+
+def single_things(filled: Iterable[Filled]) -> dict[str, str]:
+    """Return the IRI of each slot that one thing fills, by role; none for a role filled twice."""
+    filled = list(filled)
+    roles = [item.slot.role for item in filled]
+    return {
+        item.slot.role: str(item.terms[0]).strip("<>")
+        for item in filled
+        if len(item.terms) == 1 and not item.is_kind and roles.count(item.slot.role) == 1
+    }
 
 
 def unused_mentions(

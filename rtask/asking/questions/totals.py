@@ -52,7 +52,8 @@ _PART = re.compile(
     r"(?:how many|(?:the )?number of) (?:grasp(?:ing)? )?(?:attempts|tries|trials)"
     r"(?: (?:were|was|are) (?:there|made|known))?"
     r"(?: (?:for|at|on|with|of|by|from) [^,;:?.!]{1,60}"
-    r"| (?:did|has|have) [^,;:?.!]{1,60} (?:make|made))"
+    r"| (?:did|has|have) [^,;:?.!]{1,60} (?:make|made)"
+    r"(?: (?:for|at|on|with) [^,;:?.!]{1,60})?)"
     r"\s*[?.!]*",
     re.I,
 )

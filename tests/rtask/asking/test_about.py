@@ -58,12 +58,15 @@ def test_cards_and_questions_are_imported_in_either_order(module: str) -> None:
 
 
 def test_several_things_of_one_name_are_listed(kb: KnowledgeBase) -> None:
-    kb.update(
-        "PREFIX rt: <https://w3id.org/rtask-kg/ns#> "
-        'INSERT DATA { <urn:x/1> a rt:Tray ; rt:name "blue tray" . '
-        '<urn:x/2> a rt:Box ; rt:name "blue tray" }'
+    prefix = "PREFIX rt: <https://w3id.org/rtask-kg/ns#> "
+    facts = (
+        '{ <urn:x/1> a rt:Tray ; rt:name "blue tray" . <urn:x/2> a rt:Box ; rt:name "blue tray" }'
     )
-    found = answer(kb, "What is the blue tray?")
+    kb.update(f"{prefix} INSERT DATA {facts}")
+    try:
+        found = answer(kb, "What is the blue tray?")
+    finally:  # the graph is that of other tests, too
+        kb.update(f"{prefix} DELETE DATA {facts}")
     assert found.sentence.startswith("2 things are called 'blue tray': ")
     assert "<urn:x/1> is tray" in found.sentence
     assert "<urn:x/2> is" in found.sentence

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from urllib.parse import unquote
+
 import pytest
 
 import ontology
@@ -100,3 +102,23 @@ def test_attempts_by_a_robot_at_a_thing_are_counted_together(kb: KnowledgeBase) 
     found = answer(kb, "how many attempts at the pen by nao?")
     assert (found.count, set(found.filled)) == (3, {"object", "robot"})
     assert answer(kb, "How many attempts did nao need for the pen?").key == "eq11"
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("how many attempts at the pen by nao?", "/feedback?object={}pen&robot={}nao"),
+        ("How often did pr2 try the mug, and did it hold?", "/feedback?object={}mug&robot={}pr2"),
+        ("how many tasks are there", "/sparql?query="),
+        ("What is the mug?", "/resource?iri={}mug"),
+        ("What can I ask?", "/sparql?query="),
+    ],
+)
+def test_a_number_in_words_leads_to_just_what_it_counts(
+    kb: KnowledgeBase, text: str, address: str
+) -> None:
+    found = answer(kb, text)
+    sample = f"{ontology.BASE}sample/"
+    assert len(found.why) == len(found.rows)
+    led = {unquote(one) for one in found.why if one}
+    assert any(one.startswith(address.format(sample, sample)) for one in led), (found.key, led)

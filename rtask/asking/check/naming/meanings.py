@@ -51,7 +51,8 @@ _COUNTED = {"a", "b", "c"}
 _OF_PROCESSES = {"action", "activity", "event", "process", "operation"}
 _REFERENCES = {"iri", "uri", "node", "ref"}
 """How agents name what they mean to ask on about: ``?robot_iri``."""
-_ABBREVIATED = {"bot": "robot", "cam": "camera", "img": "image"}
+_ABBREVIATED = {"bot": "robot", "cam": "camera", "img": "image", "obs": "observation",
+                "obj": "object"}  # fmt: skip
 _IDENTIFYING = {"name", "label", "id", "identifier", "code", "title", "kind", "type", "text"}
 
 

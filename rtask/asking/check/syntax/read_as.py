@@ -32,6 +32,11 @@ _CASTS = {"integer", "decimal", "double", "float", "boolean", "dateTime", "int",
 def read_as(tokens: Sequence[Token], at: int) -> str:
     """Return what the variable at a place in the tokens is read as; empty for anything."""
     before, after = tokens[at - 1], tokens[min(at + 1, len(tokens) - 1)]
+    if after.is_word("IN") and before.text in _STARTS:
+        return _compared(tokens, at + 3)  # ?name IN ("mug", ...)
+    if before.is_mark("(") and tokens[at - 2].is_word("SAMETERM") and after.is_mark(","):
+        is_constant = tokens[min(at + 2, len(tokens) - 1)].kind != "variable"
+        return _compared(tokens, at + 2) if is_constant else ""
     if after.kind == "mark" and after.text in _COMPARISONS:
         if before.text not in _STARTS:
             return _ARITHMETIC.get(before.text, "")
@@ -52,7 +57,9 @@ def _compared(tokens: Sequence[Token], at: int) -> str:
     if value.kind == "number":
         return "number"
     if value.kind == "string":
-        return "literal"
+        behind = tokens[min(at + 1, len(tokens) - 1)]
+        # A text equals, and is ordered among, no number and no moment.
+        return "literal" if behind.is_mark("^^") else "text"
     if value.kind == "variable" and tokens[at - 1].text not in ("=", "!="):
         return "ordered"  # things have no order
     return "moment" if value.is_word("NOW") else ""

@@ -128,6 +128,9 @@ class _Reader(TermReader):
                     continue
             elif token.kind == "variable":
                 target.append(self._variable(token))
+                kind = read_as(self._tokens, self._at)
+                if kind:
+                    outline.body.compared.append((target[-1], kind))
                 if grouped is target and self._tokens[self._at - 1].is_word("AS"):
                     outline.defined.append(target[-1])  # GROUP BY (f(?x) AS ?y)
             elif self._is("{"):  # EXISTS in HAVING
@@ -309,13 +312,16 @@ class _Reader(TermReader):
             while True:
                 value = self._node(group)
                 _connect(self, group, subject, path, value)
+                if self._skip("{|"):
+                    self._properties(self.fresh(self._now.start), group)
+                    self._skip("|}")
                 if not self._skip(","):
                     break
             if not self._skip(";"):
                 return
             while self._skip(";"):
                 pass
-            if self._is(".") or self._is("}") or self._is("]") or self._starts_element():
+            if any(map(self._is, (".", "}", "]", "|}"))) or self._starts_element():
                 return
 
     def _starts_element(self) -> bool:
@@ -326,6 +332,8 @@ class _Reader(TermReader):
     def _node(self, group: Group) -> Node:
         """Read a term, a blank node with properties, or a list."""
         start = self._now.start
+        if self._skip("<<") or self._skip("<<("):
+            return self._reified(group, start)
         if self._skip("["):
             node = self.fresh(start)
             if not self._is("]"):
@@ -338,6 +346,27 @@ class _Reader(TermReader):
                 self._node(group)
             return node
         return self._term()
+
+
+    def _reified(self, group: Group, start: int) -> Node:
+        """Read ``<< s p o >>``: who speaks of a statement need not state it (RDF 1.2).
+
+        The statement stands in a group of its own, so that its terms are checked as any pattern's.
+        """
+        inner = Group("optional", start)
+        subject = self._node(inner)
+        path = self._path()
+        _connect(self, inner, subject, path, self._node(inner))
+        node = self.fresh(start)
+        if self._skip("~") and not self._is(">>"):
+            node = self._term()
+        if not (self._skip(">>") or self._skip(")>>")):
+            raise self._fail()
+        inner.end = self._now.start
+        group.children.append(inner)
+        about = [end for edge in inner.edges for end in edge.variables]
+        group.filters.append([node, *about])  # what is said of it connects it with its terms
+        return node
 
 
 def _connect(reader: _Reader, group: Group, subject: Node, path: Path, value: Node) -> None:
