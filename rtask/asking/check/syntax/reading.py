@@ -347,7 +347,6 @@ class _Reader(TermReader):
             return node
         return self._term()
 
-
     def _reified(self, group: Group, start: int) -> Node:
         """Read ``<< s p o >>``: who speaks of a statement need not state it (RDF 1.2).
 
