@@ -2,16 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import islice
 from typing import Protocol, TypeGuard
 
 from pyoxigraph import Quad, RdfFormat, serialize
 
-from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, NamedNode, TripleKey, triple_key
+from rtask.rdf.terms import (
+    DEFAULT,
+    DefaultGraph,
+    GraphName,
+    NamedNode,
+    TripleKey,
+    is_ground,
+    triple_key,
+)
 
-__all__ = ["Derived", "InGraph", "QuadChain", "WrittenTriples", "parts_of", "quads_written"]
+__all__ = [
+    "Derived",
+    "InGraph",
+    "QuadChain",
+    "WrittenTriples",
+    "ground_text",
+    "parts_of",
+    "quads_written",
+]
+
+_BLOCK = 5_000
 
 
 class _Writable(Collection[TripleKey], Protocol):
@@ -138,6 +157,34 @@ def _written(quads: list[Quad], graph: GraphName) -> InGraph:
         return text.replace(end + b" .\n", b" .\n")  # no literal holds the end of a line
 
     return InGraph(WrittenTriples(dict.fromkeys(map(triple_key, quads)), write), graph)
+
+
+def ground_text(quads: Iterable[Quad]) -> tuple[bytes, list[Quad]]:
+    """Return the N-Quads text of the quads without blank nodes, and the others.
+
+    >>> from rtask.rdf.terms import BlankNode, iri
+    >>> named = Quad(iri("urn:a"), iri("urn:p"), iri("urn:b"))
+    >>> text, others = ground_text([named, Quad(BlankNode("x"), iri("urn:p"), iri("urn:b"))])
+    >>> text, len(others)
+    (b'<urn:a> <urn:p> <urn:b> .\\n', 1)
+    """
+    pieces: list[bytes] = []
+    others: list[Quad] = []
+    rest = iter(quads)
+    # Others of this process wait for one block at most, and only its terms are held at a time.
+    while block := list(islice(rest, _BLOCK)):
+        piece = serialize(block, format=RdfFormat.N_QUADS)
+        assert piece is not None
+        if b"_:" in piece:  # or a literal that looks like a blank node
+            others += [quad for quad in block if not _is_ground(quad)]
+            piece = serialize(filter(_is_ground, block), format=RdfFormat.N_QUADS)
+            assert piece is not None
+        pieces.append(piece)
+    return b"".join(pieces), others
+
+
+def _is_ground(quad: Quad) -> bool:
+    return is_ground(quad.subject) and is_ground(quad.object) and is_ground(quad.graph_name)
 
 
 class QuadChain(Collection[Quad]):

@@ -134,8 +134,8 @@ def _load(
     rest = chain(staying, *few)
     while block := list(islice(rest, _BLOCK)):
         joined = (quad for quad in block if Graphs.is_joined(quad.graph_name))
-        raw.bulk_extend(Quad(quad.subject, quad.predicate, quad.object) for quad in joined)
-        raw.bulk_extend(block)  # keeps the names of blank nodes, unlike bulk_load
+        store.bulk_extend([Quad(quad.subject, quad.predicate, quad.object) for quad in joined])
+        store.bulk_extend(block)
     store.changed()
     for graph in graphs:
         if isinstance(graph, NamedNode | BlankNode):

@@ -155,10 +155,12 @@ class Dying:
         if moment == "renamed": die()
         self.store.clear()
         if moment == "empty": die()
-    def bulk_extend(self, quads):
-        quads = list(quads)
-        self.store.bulk_extend(quads[: len(quads) // 2] if moment == "half" else quads)
-        if moment in ("half", "loaded"): die()
+fill = EmbeddedStore.bulk_extend
+def dying_fill(store, quads):
+    quads = list(quads)
+    fill(store, quads[: len(quads) // 2] if moment == "half" else quads)
+    die()
+if moment in ("half", "loaded"): EmbeddedStore.bulk_extend = dying_fill
 if moment == "journalled": replacement.remaining = die
 elif moment == "written": replacement.os.fsync = die
 else:
