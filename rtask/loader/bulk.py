@@ -15,7 +15,7 @@ from rtask.kb.commit.bulk import TripleText
 from rtask.kb.commit.commit import Request
 from rtask.kb.core import GraphCore
 from rtask.loader.report import Counts
-from rtask.rdf.bounds import MAX_LITERAL
+from rtask.rdf.bounds import MAX_IRI
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, explain
 from rtask.rdf.terms import GraphName
@@ -31,11 +31,11 @@ _MARKS = {
 
 
 def readable_by_the_store(document: Document, form: Format) -> bool:
-    """Whether a document is large and contains only data without blank nodes and long literals.
+    """Whether a document is large and contains only data without blank nodes and long terms.
 
     The store then parses it itself, which is faster. Text that merely looks like a blank node makes
     this ``False``, and the document is loaded the slower way. So does a line that is long enough
-    for a literal beyond the bound.
+    for a literal or an IRI beyond its bound.
     """
     marks = _MARKS.get(form.rdf) if form.rdf is not None else None
     if marks is None or document.size < TEXT_BYTES:
@@ -48,7 +48,7 @@ def readable_by_the_store(document: Document, form: Format) -> bool:
                 return False
             lengths = [len(part) for part in chunk.split(b"\n")]
             lengths[0] += line
-            if max(lengths) > MAX_LITERAL:
+            if max(lengths) > MAX_IRI:
                 return False
             rest, line = chunk[-16:], lengths[-1]
     return True

@@ -11,7 +11,7 @@ from typing import IO, Literal
 
 from pyoxigraph import Quad, RdfFormat, parse
 
-from rtask.errors import ParseError, UsageError
+from rtask.errors import ParseError, TooLargeError, UsageError
 from rtask.rdf.documents import Document
 from rtask.rdf.guards import (
     check_json_depth,
@@ -156,6 +156,11 @@ def statements(document: Document, form: Format, base: str | None = None) -> Ite
         raise explain(error, document, form) from error
     except ValueError as error:
         raise ParseError(f"{document.name}: {error}") from error
+    except MemoryError as error:  # the parser's own bound, not that of the machine
+        raise TooLargeError(
+            f"{document.name}: a comment, literal or name without an end within 16 MiB ({error})",
+            limit="token",
+        ) from error
 
 
 def _readable(document: Document, form: Format) -> IO[bytes]:

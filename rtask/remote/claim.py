@@ -29,7 +29,7 @@ from pyoxigraph import Literal
 from rtask.errors import RemoteUnavailableError, RtaskError
 from rtask.remote.endpoints import Endpoints
 
-__all__ = ["Claim"]
+__all__ = ["Claim", "server_time"]
 
 _CLAIM = "<urn:rtask:store:claim>"
 _WAITED = "<urn:rtask:store:waited>"
@@ -165,8 +165,8 @@ class Claim:
         waited = 0.0
         for began, now in rows:
             with contextlib.suppress(ValueError):  # written by somebody else
-                since = _time(began.value[len(claim) + 1 :])
-                waited = max(waited, (_time(now.value) - since).total_seconds())
+                since = server_time(began.value[len(claim) + 1 :])
+                waited = max(waited, (server_time(now.value) - since).total_seconds())
         return waited
 
     def _forget_waiting(self) -> None:
@@ -202,6 +202,6 @@ def _read(claim: str) -> tuple[str, int]:
     return process, int(patience) if patience.isdecimal() else 0
 
 
-def _time(text: str) -> datetime:
+def server_time(text: str) -> datetime:
     """Return a time without its zone: all of them are one server's."""
     return datetime.fromisoformat(text).replace(tzinfo=None)

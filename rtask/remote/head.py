@@ -10,6 +10,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from datetime import UTC
 from functools import partial
 from typing import Any
 
@@ -25,7 +26,7 @@ from rtask.errors import (
     VersionConflictError,
 )
 from rtask.kb.store.writes import Writes
-from rtask.remote.claim import Claim
+from rtask.remote.claim import Claim, server_time
 from rtask.remote.dialect import Dialect
 from rtask.remote.endpoints import Endpoints
 
@@ -34,6 +35,7 @@ __all__ = ["Head", "HeadGraph"]
 _log = logging.getLogger(__name__)
 _HEAD = "<urn:rtask:store:head>"
 _STAGED = "<urn:rtask:store:staged>"
+_STALE = "<urn:rtask:store:stale>"
 _RECORD = "<urn:rtask:store:record>"
 _TOKEN = "<urn:rtask:store:token>"
 _PAUSE_S = 0.1
@@ -151,7 +153,7 @@ class HeadGraph:
         try:
             staged.store(writes)
             moving = partial(self._moving, old, new, record, staged)
-            self._send(moving, old, new, _PATIENCE_LARGE_S)
+            self._send(moving, old, new, _PATIENCE_LARGE_S, is_sure=False)
         except RemoteUnavailableError:
             is_settled = False  # the server may still be moving them; a later opening removes them
             raise
@@ -181,14 +183,20 @@ class HeadGraph:
 
     def _moving(self, old: Head, new: Head, record: str | None, staged: _Staged) -> str:
         deleted, inserted, branches = staged.parts()
+        # Without the marks, graphs that somebody has removed meanwhile would just be missing.
         return (
             f"DELETE {{ {self._condition(old)} {deleted} }}\n"
             f"INSERT {{ {self._new(new, record)} {inserted} }}\n"
-            f"WHERE {{ {self._condition(old)} {{ {branches} }} }}"
+            f"WHERE {{ {self._condition(old)} {staged.marks()} {{ {branches} }} }}"
         )
 
     def _send(
-        self, text: Callable[[], str], old: Head, new: Head, patience_s: int = _PATIENCE_S
+        self,
+        text: Callable[[], str],
+        old: Head,
+        new: Head,
+        patience_s: int = _PATIENCE_S,
+        is_sure: bool = True,
     ) -> None:
         """Send a commit until it is known whether it is stored.
 
@@ -196,12 +204,14 @@ class HeadGraph:
         ----------
         text
             Returns the request once the right to commit has been claimed.
+        is_sure
+            Whether a request that succeeds has stored the commit.
         """
         self._claim.take(
             self.pattern("?h"), lambda heads: self._require(old, self._only(heads)), patience_s
         )
         try:
-            self._send_claimed(text(), old, new)
+            self._send_claimed(text(), old, new, is_sure)
         except RemoteUnavailableError:
             self._claim.keep()  # the server may still be storing it
             raise
@@ -223,7 +233,7 @@ class HeadGraph:
                 found=actual.seq,
             )
 
-    def _send_claimed(self, text: str, old: Head, new: Head) -> None:
+    def _send_claimed(self, text: str, old: Head, new: Head, is_sure: bool) -> None:
         end = time.monotonic() + self._endpoints.connection.timeout_s
         while True:
             failure: RtaskError | None = None
@@ -234,7 +244,7 @@ class HeadGraph:
             except QuerySyntaxError as error:
                 # Some servers answer 400 to whatever goes wrong.
                 failure = CallFailedError(f"the server refused a commit: {error}", status=400)
-            if failure is None and self._claim.age_s < _SURE_S:
+            if failure is None and is_sure and self._claim.age_s < _SURE_S:
                 return
             try:
                 actual, token = self._after(new)
@@ -246,6 +256,12 @@ class HeadGraph:
                 self._require(old, actual)
                 if isinstance(failure, CallFailedError):
                     raise failure
+                if failure is None and not is_sure:
+                    raise CallFailedError(
+                        f"what commit {new.seq} brings was removed from {self._endpoints} "
+                        "before it was stored; nothing was stored; try again",
+                        status=409,
+                    )
             if time.monotonic() >= end:
                 raise RemoteUnavailableError(
                     f"{self._endpoints} does not answer; whether commit {new.seq} is stored shows "
@@ -284,13 +300,20 @@ class _Staged:
             for graph, group in by_graph.items():
                 stage = NamedNode(f"{self._start}{len(self._targets)}")
                 self._targets.append((adds, self._dialect.graph(graph), str(stage)))
-                noted = f'GRAPH {self._name} {{ {stage} {_STAGED} "{int(time.time())}" }}'
-                self._endpoints.update(f"INSERT DATA {{ {noted} }}")
+                # By the server's clock: those of writers may be years apart.
+                now = "BIND(STR(NOW()) AS ?when)"
+                mark = f"GRAPH {self._name} {{ {stage} {_STAGED} ?when }}"
+                self._endpoints.update(f"INSERT {{ {mark} }} WHERE {{ {now} }}")
                 size = self._dialect.abilities.statements
                 for at in range(0, len(group), size):
                     piece = group[at : at + size]
                     moved = (Quad(q.subject, q.predicate, q.object, stage) for q in piece)
                     self._endpoints.update(f"INSERT DATA {{ {self._dialect.block(moved)} }}")
+
+    def marks(self) -> str:
+        """Return the pattern of the notes that all the graphs are there."""
+        notes = (f"{s} {_STAGED} ?when{n}" for n, (_, _, s) in enumerate(self._targets))
+        return f"GRAPH {self._name} {{ {' . '.join(notes)} }}"
 
     def parts(self) -> tuple[str, str, str]:
         """Return what to delete and to insert, and the branches that bind their variables."""
@@ -312,13 +335,38 @@ def remove_staged(endpoints: Endpoints, name: str, stages: Iterable[str]) -> Non
     for stage in stages:
         try:
             endpoints.update(f"DROP SILENT GRAPH {stage}")
-            endpoints.update(f"DELETE WHERE {{ GRAPH {name} {{ {stage} {_STAGED} ?when }} }}")
+            endpoints.update(f"DELETE WHERE {{ GRAPH {name} {{ {stage} ?note ?when }} }}")
         except RtaskError as error:
             _log.warning("%s is left behind until the next opening: %s", stage, error)
 
 
 def remove_left_behind(endpoints: Endpoints, name: str) -> None:
-    """Remove the graphs of large commits that never ended."""
-    rows = endpoints.rows(f"SELECT ?g ?when {{ GRAPH {name} {{ ?g {_STAGED} ?when }} }}")
-    old = [str(g) for g, when in rows if int(when.value) < time.time() - _STALE_S]
+    """Remove the graphs of large commits that never ended.
+
+    One whose time lies an hour ahead was noted before the server's clock was set back.
+    """
+    noted = f"GRAPH {name} {{ ?g ?p ?when }} FILTER(?p IN ({_STAGED}, {_STALE}))"
+    rows = endpoints.rows(f"SELECT ?g ?when (STR(NOW()) AS ?now) {{ {noted} }}")
+    old = [str(g) for g, when, now in rows if abs(_age_s(when.value, now.value)) > _STALE_S]
+    for stage in old:
+        # If the commit is stored all the same, its pattern finds no note and it changes nothing.
+        mark = f"GRAPH {name} {{ {stage} {_STAGED} ?when }}"
+        over = f"GRAPH {name} {{ {stage} {_STALE} ?when }}"
+        endpoints.update(f"DELETE {{ {mark} }} INSERT {{ {over} }} WHERE {{ {mark} }}")
     remove_staged(endpoints, name, old)
+
+
+def _age_s(noted: str, now: str) -> float:
+    """Return how long ago a time was noted, s; earlier versions noted seconds since 1970.
+
+    >>> _age_s("2026-11-30T10:00:00.5Z", "2026-11-30T10:01:00Z")
+    59.5
+    >>> _age_s("1700000000", "2023-11-14T22:13:30Z")
+    10.0
+    """
+    if noted.isdecimal():
+        return server_time(now).replace(tzinfo=UTC).timestamp() - int(noted)
+    try:
+        return (server_time(now) - server_time(noted)).total_seconds()
+    except ValueError:  # written by somebody else
+        return 0.0

@@ -10,7 +10,7 @@ import re
 from functools import lru_cache
 
 from rtask.errors import QuerySyntaxError
-from rtask.rdf.bounds import MAX_LITERAL, MAX_NESTING
+from rtask.rdf.bounds import MAX_IRI, MAX_LITERAL, MAX_NESTING
 from rtask.sparql.complexity import check_complexity, limit
 from rtask.sparql.tokens import Token, scan, shape
 
@@ -19,6 +19,7 @@ __all__ = ["body_start", "find_block_end", "guard", "names_dataset", "query_form
 _OPENERS = {"{", "(", "[", "<<", "<<(", "{|"}
 _CLOSERS = {"}", ")", "]", ">>", ")>>", "|}"}
 _OPERATORS = {"+", "-", "*", "/", "&&", "||", "=", "!=", "<", ">", "<=", ">=", "|", "^"}
+_NAMES = {"iri", "name", "language"}
 _SEPARATORS = {"{", "}", ".", ";", ","}
 _MAX_OPERATORS = 1_000
 _MAX_NEGATIONS = 64
@@ -65,6 +66,8 @@ def _check_limits(tokens: list[Token]) -> None:
             negations = 0
             if kind == "string" and len(text) > MAX_LITERAL:
                 limit("characters in one literal", _characters(text), MAX_LITERAL)
+            elif kind in _NAMES:
+                limit("characters in one IRI or language tag", len(text) - 2, MAX_IRI)
             continue
         negations = negations + 1 if text == "!" else 0
         if text in _OPENERS:

@@ -43,7 +43,7 @@ from rtask.kb.store.overlay import Holders
 from rtask.kb.store.quads import InGraph, QuadChain
 from rtask.kb.store.union import union_change
 from rtask.kb.store.writes import Writes
-from rtask.rdf.bounds import refuse_long_literal
+from rtask.rdf.bounds import refuse_long_literal, refuse_long_names
 from rtask.rdf.terms import DEFAULT, GraphName, NamedNode, iri
 
 __all__ = ["BulkLoad", "TripleText", "bulk_add", "complete", "finish_bulk"]
@@ -203,6 +203,7 @@ def _add_quads(
         for quad in quads:
             name = quad.graph_name
             refuse_long_literal(quad.object, f"{quad.subject} {quad.predicate}")
+            refuse_long_names(quad)
             if right is not None:
                 if right.is_foreign(quad):
                     raise axiom_refused(quad, access, committer.graphs)

@@ -22,7 +22,7 @@ from rtask.errors import (
 )
 from rtask.kb.commit.budget import UNBOUNDED, Guard, ReasoningLimits, stopping
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
-from rtask.kb.commit.checks.requirements import check_blobs, check_literals, check_rights
+from rtask.kb.commit.checks.requirements import check_blobs, check_lengths, check_rights
 from rtask.kb.commit.commit import Change, Commit, Request
 from rtask.kb.commit.foreign import identity
 from rtask.kb.commit.foreign.precedence import NamePrecedence
@@ -229,7 +229,7 @@ class Committer:
             names.give_way_to_ids(change)
             require_schema(change, request.access, self.graphs, self.catalogue.declared)
         if not request.trusted:
-            check_literals(change)
+            check_lengths(change)
         return is_empty
 
     def _check_version(self, request: Request) -> None:

@@ -10,11 +10,11 @@ from pyoxigraph import Quad
 
 from rtask.errors import QueryTooExpensive
 from rtask.kb.commit.budget import ReasoningLimits
-from rtask.rdf.bounds import MAX_LITERAL, characters
+from rtask.rdf.bounds import MAX_LITERAL, characters, name_characters, refuse_long_names
 
 __all__ = ["Meter", "UpdateLimits"]
 
-_QUAD_BYTES = 100  # rough size of a statement without its literal
+_QUAD_BYTES = 20  # rough size of a statement without its literal and names
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,11 @@ class Meter:
             size = characters(quad.object)
             if size > limits.literal_bytes and not stored:
                 raise _beyond("literal", limits.literal_bytes, "characters in one literal")
+            if not stored:
+                refuse_long_names(quad)
             self._statements += 1
-            self._bytes += size + _QUAD_BYTES
+            # A prefix of 16 kB makes a long IRI of each of a hundred thousand short names.
+            self._bytes += size + _QUAD_BYTES + sum(map(name_characters, quad))
             if self._statements > limits.statements:
                 raise _beyond("statements", limits.statements, "statements")
             if self._bytes > limits.delta_bytes:

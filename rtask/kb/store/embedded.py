@@ -38,8 +38,8 @@ _READ_EACH, _READ_MORE = 4, 16
 LARGE = 30_000
 """A change with more additions than this is journalled durably, then stored in two steps.
 
-The bulk loader takes a third of the processor time, but forces some nine files to disk before it returns,
-.3 to .4 s during which others wait for the lock; one atomic step takes .01 ms a statement.
+The bulk loader takes a third of the processor time, but forces some nine files to disk before it
+returns, .3 to .4 s during which others wait for the lock; one atomic step takes .01 ms a statement.
 """
 
 
@@ -317,9 +317,9 @@ class EmbeddedStore(GraphStore):
         """Add many quads fast, but not atomically: a process killed meanwhile leaves some.
 
         The store keeps in memory all that it is given at once, and is slower for it. Text it reads
-        itself, in less time, and others of this process go on meanwhile: ``Store.bulk_extend`` holds
-        the interpreter's lock until its files are on the disk, so that not even ``/health`` is
-        answered. Reading text would rename blank nodes, so these are added in small parts.
+        itself, in less time, and others of this process go on meanwhile: ``Store.bulk_extend``
+        holds the interpreter's lock until its files are on the disk, so that not even ``/health``
+        is answered. Reading text would rename blank nodes, so these are added in small parts.
         """
         written = quads.written if isinstance(quads, InGraph) else None
         if written is not None and written.is_ground:

@@ -15,8 +15,9 @@ import zstandard
 import rtask
 from rtask.errors import DataError, ParseError, TooLargeError, UsageError
 from rtask.knowledge_base import KnowledgeBase
+from rtask.loader.bulk import TEXT_BYTES, readable_by_the_store
 from rtask.rdf import documents
-from rtask.rdf.bounds import MAX_LITERAL, MAX_NESTING
+from rtask.rdf.bounds import MAX_IRI, MAX_LITERAL, MAX_NESTING
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import detect, find_format, read_document
 
@@ -238,6 +239,43 @@ def test_a_literal_beyond_the_bound_is_refused_on_every_way_in(tmp_path: Path) -
         escaped = "\\u0078" * 300_000
         assert kb.update(f"INSERT DATA {{ <urn:b> <urn:p> '{escaped}' }}").added == 1
         assert kb.update("INSERT { <urn:c> ?p ?o } WHERE { <urn:a> ?p ?o }").added == 1
+
+
+@pytest.mark.parametrize(
+    "triple",
+    [
+        f"<urn:a> <urn:p> <urn:{'x' * MAX_IRI}> .",
+        f"<urn:{'x' * MAX_IRI}> <urn:p> 1 .",
+        f"<urn:a> <urn:p> '1'^^<urn:{'x' * MAX_IRI}> .",
+        f"<urn:a> <urn:p> 'x'@en{'-aaaaaaaa' * (MAX_IRI // 9 + 1)} .",
+        f"<urn:a> <urn:p> <<( <urn:a> <urn:p> <urn:{'x' * MAX_IRI}> )>> .",
+        f"PREFIX x: <urn:{'x' * (MAX_IRI - 9)}>\nx:abcdefghi <urn:p> 1 .",
+    ],
+    ids=["object", "subject", "datatype", "language", "triple term", "prefix"],
+)
+def test_a_name_beyond_the_bound_is_refused_on_every_way_in(tmp_path: Path, triple: str) -> None:
+    head, _, data = triple.rpartition("\n")
+    with rtask.open(tmp_path / "kb", ontologies=False) as kb:
+        for write in (
+            lambda: kb.update(f"{head} INSERT DATA {{ {data} }}"),
+            lambda: kb.load(triple.encode(), format="turtle"),
+        ):
+            with pytest.raises(TooLargeError, match=f"IRI.*{MAX_IRI}"):
+                write()
+        assert not kb.match(predicate="urn:p")
+
+
+def test_a_long_line_is_read_by_us_since_it_may_hold_a_long_name(tmp_path: Path) -> None:
+    short = f"<urn:{'x' * (MAX_IRI - 30)}> <urn:p> 1 .\n"
+    lines = short * (TEXT_BYTES // len(short) + 1)
+    for text, is_read_by_the_store in ((lines, True), (lines + "x" * 30 + short, False)):
+        document = Document.of(_file(tmp_path, "a.nt", text))
+        assert readable_by_the_store(document, detect(document)) is is_read_by_the_store
+
+
+def test_a_token_without_an_end_is_too_large_and_no_fault_of_ours(tmp_path: Path) -> None:
+    with pytest.raises(TooLargeError, match="without an end"):
+        read_document(_file(tmp_path, "a.ttl", "#" * (17 << 20)))
 
 
 def test_a_bomb_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ import pytest
 import ontology
 import rtask
 from rtask.errors import (
+    CallFailedError,
     RemoteUnavailableError,
     RtaskError,
     UnsupportedError,
@@ -24,10 +25,10 @@ from rtask.kb.commit.inference import Inference
 from rtask.kb.store.writes import Writes
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import Quad, iri, literal, prologue
-from rtask.remote import sync, transport
+from rtask.remote import head, sync, transport
 from rtask.remote.claim import Claim
 from rtask.remote.endpoints import Endpoints
-from rtask.remote.head import Head, HeadGraph
+from rtask.remote.head import Head, HeadGraph, remove_left_behind
 from tests.rtask.remote.places import KINDS, MAKERS, TBOX, opened, remote_store, texts
 
 pytestmark = pytest.mark.slow
@@ -182,6 +183,50 @@ def test_programs_that_end_soon_together_wait_long_enough_for_a_left_claim(
     claim.release()
     left = "?s ?p ?o FILTER(?p IN (<urn:rtask:store:claim>, <urn:rtask:store:waited>))"
     assert not endpoints.ask(f"ASK {{ GRAPH {_CLAIMS} {{ {left} }} }}")
+
+
+@pytest.mark.parametrize(
+    ("noted", "is_removed"),
+    [
+        ("STR(NOW())", False),
+        ("'2001-01-01T00:00:00Z'", True),
+        ("'2090-01-01T00:00:00Z'", True),
+        ("'4000000000'", True),
+        ("'something else'", False),
+    ],
+)
+def test_what_large_commits_left_is_removed_by_the_clock_of_the_server(
+    kb: KnowledgeBase, noted: str, is_removed: bool
+) -> None:
+    endpoints = remote_store(kb).endpoints
+    stage = "<urn:lab/graph/staged/of-somebody/0>"
+    note = f"GRAPH {_CLAIMS} {{ {stage} <urn:rtask:store:staged> ?when }}"
+    endpoints.update(f"INSERT {{ {note} }} WHERE {{ BIND({noted} AS ?when) }}")
+    endpoints.update(f"INSERT DATA {{ GRAPH {stage} {{ <urn:a> <urn:p> 1 }} }}")
+    remove_left_behind(endpoints, _CLAIMS)
+    assert endpoints.ask(f"ASK {{ GRAPH {stage} {{ ?s ?p ?o }} }}") is not is_removed
+    assert endpoints.ask(f"ASK {{ {note} }}") is not is_removed
+
+
+def test_a_large_commit_whose_parts_were_removed_meanwhile_stores_nothing(
+    kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = remote_store(kb)
+    graph = HeadGraph(store.endpoints, store.dialect)
+    take = Claim.take
+
+    def remove_first(*args: Any, **more: Any) -> None:
+        take(*args, **more)
+        monkeypatch.setattr(head, "_age_s", lambda noted, now: 7_200.0)
+        remove_left_behind(store.endpoints, _CLAIMS)
+
+    monkeypatch.setattr(Claim, "take", remove_first)
+    old, size = store.read_head(), store.dialect.abilities.statements
+    quads = [Quad(iri("urn:a"), iri("urn:p"), literal(n), iri("urn:g")) for n in range(size + 1)]
+    with pytest.raises(CallFailedError, match="nothing was stored; try again"):
+        graph.replace(old, Head(old.seq + 1, "ours"), Writes({}, dict.fromkeys(quads)), None)
+    assert store.read_head() == old
+    assert store.count(iri("urn:g")) == 0
 
 
 class _Watched(Endpoints):

@@ -11,10 +11,10 @@ from rtask.kb.commit.commit import MAX_EMPTIED, Request
 from rtask.kb.durability.blobs import PREFIX, BlobStore, digest_of
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
-from rtask.rdf.bounds import MAX_LITERAL, characters, refuse_long_literal
+from rtask.rdf.bounds import MAX_LITERAL, characters, refuse_long_literal, refuse_long_names
 from rtask.rdf.terms import GraphName, NamedNode
 
-__all__ = ["check_blobs", "check_literals", "check_rights"]
+__all__ = ["check_blobs", "check_lengths", "check_rights"]
 
 
 def check_rights(
@@ -63,9 +63,10 @@ def check_rights(
             )
 
 
-def check_literals(change: Overlay) -> None:
-    """Refuse literals that are too long, unless the store has them already."""
+def check_lengths(change: Overlay) -> None:
+    """Refuse literals and names that are too long, literals unless the store has them already."""
     for quad in change.added:
+        refuse_long_names(quad)
         if characters(quad.object) <= MAX_LITERAL:
             continue
         stored = change.store.quads_for_pattern(None, None, quad.object, None)
