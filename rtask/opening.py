@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,7 @@ from rtask.kb.durability.recovery import fill_gap
 from rtask.kb.durability.settings import Settings
 from rtask.kb.maintenance.statistics import closure_state
 from rtask.kb.rules.rule import Rule, Source, read_rules
+from rtask.kb.shapes.reading import read_shapes
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.late_notes import LateNotes
 from rtask.kb.store.overlay import Overlay
@@ -46,6 +48,7 @@ __all__ = ["open_knowledge_base"]
 
 _log = logging.getLogger(__name__)
 _MODES = ("rw", "r", "new")
+_HOST_AND_PORT = re.compile(r"[\w.-]+:\d{2,5}(?:/.*)?")
 
 
 @dataclass(frozen=True)
@@ -182,6 +185,11 @@ def open_knowledge_base(
     if text == ":memory:":
         return _assemble(open_in_memory(Settings.new(base, plain, union)), options)
     path = Path(text)
+    if _HOST_AND_PORT.fullmatch(text) and not path.exists():
+        raise UsageError(
+            f"{text!r} looks like an address; open http://{text}, or for a new folder of that name "
+            f"./{text}"
+        )
     settings = find(path, mode)
     if settings is None:
         settings = Settings.new(base, plain, union)
@@ -283,6 +291,13 @@ def _late_notes(files: Files, graphs: Graphs, options: _Options) -> LateNotes | 
 def _validator(files: Files, graphs: Graphs, options: _Options) -> Validator | None:
     if options.validate == "off" or files.settings.plain:
         return None
+    given = read_shapes(options.shapes, bundled=False) if options.shapes else None
+    if given is not None and (whole := [s.name for s in given.shapes if not s.is_local]):
+        _log.warning(
+            "commits are not checked against %s: shapes with SPARQL may look at any statement; "
+            "kb.validate() applies them",
+            ", ".join(whole),
+        )
     return Validator(files.store, graphs, options.validate == "refuse", options.shapes)
 
 

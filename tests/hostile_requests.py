@@ -2,6 +2,7 @@
 
 Unlike :mod:`tests.hostile_writes`, whose statements mean much, these are hostile by their form.
 """
+# ruff: noqa: E501 - texts as they are sent
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 
 __all__ = ["REQUESTS", "HostileRequest"]
 
-_OWL = "PREFIX owl: <http://www.w3.org/2002/07/owl#> PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#> "  # noqa: E501
+_OWL = "PREFIX owl: <http://www.w3.org/2002/07/owl#> PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#> "
 _RDF = "PREFIX rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> "
 
 

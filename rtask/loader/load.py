@@ -30,7 +30,7 @@ from rtask.loader.report import Counts, FileReport, LoadReport
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, detect, find_format, statements
 from rtask.rdf.guards import undefined_json_terms
-from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, iri
+from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, iri, stored_quad
 
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
@@ -354,12 +354,13 @@ class _Loader:
 
     def _commit(self, item: Item, quads: list[Quad]) -> Counts:
         transaction = self.kb.commit_block(self._request(item))
+        named = list(map(stored_quad, self._prepared(quads, item)))  # before others wait for it
         try:
             with transaction as tx:
                 if self.options.replace:
                     for name in _graphs(quads, item.graph):
                         tx.clear(name)
-                tx.add_quads(self._prepared(quads, item))
+                tx.add_quads(named, as_read=True)
                 added, removed = tx.counts()
                 if self.options.dry_run:
                     raise _DryRun

@@ -156,17 +156,20 @@ class _Search:
             yield _with_path(address, parent or "/")
             return
         yield from (_with_path(address, f"{path}/{name}") for name in _QUERIES)
-        if not path:
-            yield from self._datasets()
+        yield from self._datasets(path)
 
     def _beside(self, name: str) -> str:
         return _beside(self._address, name)
 
-    def _datasets(self) -> Iterator[str]:
-        """Yield the places of the dataset that the server lists, or of one by the usual name."""
-        for path, names_in, below in _LISTS:
-            answer = self._send(_with_path(self._address, path), None, _LIST)
+    def _datasets(self, above: str) -> Iterator[str]:
+        """Yield the places of the dataset that the server lists, or of one by the usual name.
+
+        Below a path, only servers that are installed there are looked for.
+        """
+        for path, names_in, below in _LISTS if not above else _LISTS_BELOW:
+            answer = self._send(_with_path(self._address, above + path), None, _LIST)
             names = [quote(name) for name in _names(names_in, answer)]
+            below = tuple(above + place for place in below)
             places = [_with_path(self._address, below[0].format(name)) for name in names]
             if len(places) > 1:
                 raise CallFailedError(
@@ -176,7 +179,8 @@ class _Search:
                 )
             for name in names:
                 yield from (_with_path(self._address, place.format(name)) for place in below)
-        yield from (_with_path(self._address, f"/ds/{name}") for name in _QUERIES)
+        usual = (f"{above}/namespace/kb/sparql",) if above else _USUAL
+        yield from (_with_path(self._address, place) for place in usual)
 
     def _send(self, url: str, fields: list[tuple[str, str]] | None, accept: str) -> httpx.Response:
         answer = self._connection.send(url, fields, accept, repeat=True, judged=False)
@@ -223,6 +227,10 @@ _LISTS: tuple[tuple[str, Callable[[Any], Iterable[str]], tuple[str, ...]], ...] 
     ("/admin/databases", _stardog, ("/{}/query",)),
 )
 """Where servers list what they hold, how to read the list, and where each dataset is."""
+
+_LISTS_BELOW = _LISTS[1:2]
+_USUAL = ("/ds/sparql", "/ds/query", "/blazegraph/namespace/kb/sparql")
+"""Places of datasets that have the names of examples: Fuseki's and Blazegraph's."""
 
 
 def _names(names_in: Callable[[Any], Iterable[str]], answer: httpx.Response) -> list[str]:

@@ -11,8 +11,8 @@ from rtask.errors import QuerySyntaxError
 
 __all__ = ["Token", "line_and_column", "scan", "shape"]
 
-# Runs of plain characters are matched as one: a choice for each took .1 us a character, during which
-# nothing else in the process moves.
+# Runs of plain characters are matched as one: a choice for each took .1 us a character, during
+# which nothing else in the process moves.
 _TOKEN = re.compile(
     r"""
     (?P<space>(?:[\x20\t\r\n]|\#[^\n\r]*)+)

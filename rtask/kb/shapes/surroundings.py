@@ -103,7 +103,10 @@ class ShapeView:
             return cached
         superclasses, waiting = {kind}, [kind]
         while waiting:
-            for _, _, above in self._stored(waiting.pop(), _SUBCLASS, None):
+            below = waiting.pop()
+            if not isinstance(below, NamedNode | BlankNode):
+                continue  # a class that somebody wrote as text, which nothing is above
+            for _, _, above in self._stored(below, _SUBCLASS, None):
                 if above not in superclasses:
                     superclasses.add(above)
                     waiting.append(above)

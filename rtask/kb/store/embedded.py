@@ -319,7 +319,7 @@ class EmbeddedStore(GraphStore):
         The store keeps in memory all that it is given at once, and is slower for it. Text it reads
         itself, in less time, and others of this process go on meanwhile: ``Store.bulk_extend``
         holds the interpreter's lock until its files are on the disk, so that not even ``/health``
-        is answered. Reading text would rename blank nodes, so these are added in small parts.
+        is answered. Reading text would rename blank nodes, so these are added one by one, in parts.
         """
         written = quads.written if isinstance(quads, InGraph) else None
         if written is not None and written.is_ground:
@@ -335,8 +335,7 @@ class EmbeddedStore(GraphStore):
             if text:
                 self._bulk_load(text, RdfFormat.N_QUADS)
             for start in range(0, len(blank), _BLANK_PART):
-                with self._changing():
-                    self.raw.bulk_extend(blank[start : start + _BLANK_PART])
+                self.extend(blank[start : start + _BLANK_PART])
 
     def _bulk_load(self, text: bytes, form: RdfFormat, graph: GraphName | None = None) -> None:
         """Add statements whose terms the store has made or checked before."""

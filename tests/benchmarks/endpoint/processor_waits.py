@@ -1,7 +1,7 @@
 """Waits of a client, less what it and the server stood in line for a processor.
 
-On a busy machine most of a long answer is waiting for a processor, which says nothing about the server.
-Linux counts that wait for each thread (``/proc/PID/task/TID/schedstat``, second field).
+On a busy machine most of a long answer is waiting for a processor, which says nothing about the
+server. Linux counts that wait for each thread (``/proc/PID/task/TID/schedstat``, second field).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Requests that are hostile by their form, against a live server: when each ends, what others notice.
+"""Requests that are hostile by their form, against a live server, and what others notice.
 
 ``python -m tests.benchmarks.endpoint.stress_hostile_requests [NAME...]`` sends each of
 :data:`tests.hostile_requests.REQUESTS` once as a robot and once as a caller that may do everything,

@@ -5,7 +5,8 @@ to SIZE statements from which much follows, or which change the vocabulary, each
 ones. The caller may state axioms, since most of them are refused before otherwise. Meanwhile
 another client asks ``/health/live`` and inserts one statement, again and again. Targets: each write
 ends within the limit of its derivation and .5 s, none with 500; health and insert answer within
-250 ms (by the clock, and without the time that the server's threads wait for a processor); the memory returns to 1.3 times; SIGTERM ends the server within 5 s, also beside a write.
+250 ms (by the clock, and without the time that the server's threads wait for a processor); the
+memory returns to 1.3 times; SIGTERM ends the server within 5 s, also beside a write.
 """
 
 from __future__ import annotations

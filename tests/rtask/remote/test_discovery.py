@@ -54,6 +54,7 @@ LAYOUTS: dict[str, dict[str, Any]] = {
         "/lab/update": "update",
     },
     "one address for all": {"/": "both"},
+    "blazegraph": {"/": _PAGE, "/blazegraph/namespace/kb/sparql": "both"},
 }
 AT_HOST = {
     "oxigraph 0.2": ("/query", "/update"),
@@ -67,6 +68,7 @@ AT_HOST = {
     "virtuoso": ("/sparql", "/sparql"),
     "stardog": ("/lab/query", "/lab/update"),
     "one address for all": ("", ""),
+    "blazegraph": ("/blazegraph/namespace/kb/sparql", "/blazegraph/namespace/kb/sparql"),
 }
 
 
@@ -176,6 +178,8 @@ def test_the_address_of_the_host_is_enough(layout: str, server: StandIn) -> None
         ("fuseki", "/robots/query", "/robots/query", "/robots/update"),
         ("fuseki", "/robots/sparql", "/robots/sparql", "/robots/update"),
         ("graphdb", *["/repositories/lab%20one"] * 2, "/repositories/lab%20one/statements"),
+        ("rdf4j", "/rdf4j-server", *AT_HOST["rdf4j"]),
+        ("blazegraph", "/blazegraph", *AT_HOST["blazegraph"]),
         ("stardog", "/lab", "/lab/query", "/lab/update"),
         ("one address for all", "/sparql", "/", "/"),
     ],
@@ -213,6 +217,20 @@ def test_where_nothing_answers_the_places_tried_and_the_explicit_form_are_named(
     assert "/sparql (404), /query (404)" in words
     assert "/repositories (404)" in words
     assert f"sparql+{server.url}/?query=/PATH&update=/PATH" in words
+
+
+@pytest.mark.parametrize("typed", ["localhost:7878", "127.0.0.1:3030/ds", "lab-pc.example.org:80"])
+def test_an_address_without_http_makes_no_folder(
+    typed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=f"open http://{typed}, or for a new folder"):
+        rtask.open(typed)
+    assert not list(tmp_path.iterdir())
+    with rtask.open(f"./{typed}", ontologies=False):
+        assert Path(typed).is_dir()
+    with rtask.open(typed, ontologies=False) as kb:
+        assert kb.seq == 0
 
 
 def test_several_datasets_are_listed_and_none_is_guessed(server: StandIn) -> None:

@@ -266,3 +266,20 @@ def test_a_shape_that_refers_to_itself_is_applied() -> None:
         kb.update("INSERT DATA { <urn:e#x> <urn:e#name> 'x' ; <urn:e#knows> <urn:e#y> }")
         report = kb.validate()
         assert (len(report), report.left_out) == (1, ()), "y has no name"
+
+
+def test_a_class_that_was_written_as_text_is_no_fault_of_the_validator() -> None:
+    with opened(validate=True) as kb, kb.transaction() as tx:
+        tx.add("urn:e#x", "http://www.w3.org/1999/02/22-rdf-syntax-ns#type", "urn:e#Cup")
+    assert tx.commit.added == 1
+
+
+def test_shapes_that_bind_no_commit_are_named_when_the_graph_is_opened(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with_sparql = tmp_path / "sparql.ttl"
+    asked = "sh:sparql [ sh:select 'SELECT $this { $this <urn:e#mass> ?m FILTER(?m > 9) }' ] ."
+    with_sparql.write_text(f"{PREFIXES} e:Heavy a sh:NodeShape ; sh:targetClass e:Cup ; {asked}")
+    with opened(True, with_sparql):
+        [line] = [words for words in caplog.messages if "not checked against" in words]
+    assert "urn:e#Heavy" in line
