@@ -60,6 +60,12 @@ class Area:
         """Tell whether a point, m, frame of the bench, is within."""
         return self.x[0] <= x <= self.x[1] and self.y[0] <= y <= self.y[1]
 
+    def distance(self, x: float, y: float) -> float:
+        """Return how far a point, m, frame of the bench, is outside; 0 within."""
+        return float(
+            np.hypot(max(self.x[0] - x, x - self.x[1], 0.0), max(self.y[0] - y, y - self.y[1], 0.0))
+        )
+
 
 @dataclass(frozen=True)
 class Post:
@@ -113,6 +119,25 @@ class Layout:
             if area.name == name:
                 return area
         raise UsageError(f"the table has no area {name!r}")
+
+    def area_at(self, x: float, y: float) -> str:
+        """Return the name of the area that a point of the table belongs to; empty for none.
+
+        Around areas without walls it is the nearest. What fell over and rolled aside lies a finger
+        beyond a line that nobody sees: for people it is still there, and hands get to it.
+
+        Parameters
+        ----------
+        x, y
+            m, frame of the bench.
+        """
+        inside = next((area.name for area in self.areas if area.holds(x, y)), "")
+        (x0, x1), (y0, y1) = self.table.table_x, self.table.table_y
+        if inside or not (x0 <= x <= x1 and y0 <= y <= y1):
+            return inside
+        around = [(area.distance(x, y), area.name) for area in self.areas if not area.is_box]
+        near, name = min(around, default=(np.inf, ""))
+        return name if near < _AROUND_M else ""
 
 
 class Bench:
@@ -179,10 +204,8 @@ class Bench:
     def area_of(self, body: int) -> str:
         """Return the name of the area in which a thing truly lies; empty for none. For scoring."""
         pose = self.world.object_pose(body)
-        for area in self.layout.areas:
-            if area.holds(pose.x, pose.y) and pose.z < self.world.table_height + _LOW_M:
-                return area.name
-        return ""
+        above = pose.z - self.world.table_height
+        return self.layout.area_at(pose.x, pose.y) if -_LOW_M < above < _LOW_M else ""
 
 
 class Station:
@@ -238,6 +261,11 @@ class Station:
         """Return the ranges of x and y of an area, m, base frame of this robot."""
         area = self.bench.layout.area(name)
         return self._ranges(area.x, area.y)
+
+    def area_at(self, position: Floats) -> str:
+        """Return the name of the area that a point (3,), m, base frame, belongs to; or empty."""
+        x, y = (self.world_from_base @ [*position[:2], 0.0, 1.0])[:2]
+        return self.bench.layout.area_at(float(x), float(y))
 
     def _ranges(self, x: Range, y: Range) -> tuple[Range, Range]:
         base_from_world = np.linalg.inv(self.world_from_base)
@@ -310,7 +338,9 @@ _SETTLE_S = 0.5
 _ASKED_SEED = 0
 _NEAR_M = 0.06
 _LOW_M = 0.15
-"""Above the table: what is higher is held by a hand."""
+"""Above or below the table: what is higher is held by a hand, and what is lower fell off."""
+_AROUND_M = 0.05
+"""Around an area, what still belongs to it."""
 _OPEN = 0.95
 _CAMERA_OFFSET_M = np.array([-0.12, 0.0, 0.42])
 """From what a camera on a stand looks at: on the robot's side, where nobody else is in its way."""

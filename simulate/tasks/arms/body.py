@@ -65,6 +65,11 @@ class Sighting:
     observation: dict[str, Any]
     likeness: float = 0.0
 
+    @property
+    def is_accepted(self) -> bool:
+        """Whether the graph is sure of its product."""
+        return self.likeness > 1
+
 
 @dataclass(frozen=True)
 class _Held:
@@ -440,9 +445,7 @@ def _told_apart(sightings: list[Sighting]) -> list[Sighting]:
     A can beside a box that resembles this can would else be picked up as the can, or the box would.
     """
     best = {s.object: s for s in sorted(sightings, key=lambda s: s.likeness)}
-    return [
-        s if s.likeness > 1 or s is best[s.object] else replace(s, object="") for s in sightings
-    ]
+    return [s if s.is_accepted or s is best[s.object] else replace(s, object="") for s in sightings]
 
 
 def _size(sighting: Sighting) -> list[float]:

@@ -132,16 +132,21 @@ def _store(planner: Planner, bench: Bench, body: ArmBody, sighting: Sighting, pl
     """Store a thing where it was seen; return its IRI."""
     spec = bench.product_at(body.robot.station, sighting.seen.position)
     entry: dict[str, Any] = {**sighting.observation, "gripper_id": next(iter(body.hands.values()))}
-    if sighting.object:
+    stored_there = (
+        planner.query(_STORED_THERE % (sighting.object, place)) if sighting.object else []
+    )
+    # What merely resembles a product is one only where such a thing is expected. A second can that
+    # was taken for the first had no name of its own, and the first one was said to be there, too.
+    is_known = bool(sighting.object) and (sighting.is_accepted or bool(stored_there))
+    if is_known:
         entry["object"] = sighting.object
-        stored_there = planner.query(_STORED_THERE % (sighting.object, place))
         if len(stored_there) == 1:
             entry["thing"] = str(stored_there[0]["thing"])
     elif spec is not None:
         entry |= {"name": spec.name, "class_description": spec.kind}
     stored = body.graph.call("insert_object", objects=[entry])["objects"][0]
     thing = str(stored["thing"])
-    if spec is not None and not sighting.object:
+    if spec is not None and not is_known:
         planner.update(
             f"{PREFIXES} INSERT DATA {{ <{stored['object']}> rt:mass {spec.mass:.4f}e0 }}"
         )

@@ -61,16 +61,12 @@ class RobotAtBench(RobotAtTable):
         number
             Which of the :meth:`viewpoints`.
         """
-        x, y = self.station.ranges(area)
         side, camera = self.viewpoints(area)[number]
         frame, base_from_camera = self.look(side, camera)
         is_box = self.station.bench.layout.area(area).is_box
         ignored = (*self._beyond(), *self._boxes(area)) if is_box else self.ignored
         perceived = perceive(frame, base_from_camera, ignored)
-        inside = [
-            seen for seen in perceived.objects
-            if x[0] <= seen.position[0] <= x[1] and y[0] <= seen.position[1] <= y[1]
-        ]  # fmt: skip
+        inside = [s for s in perceived.objects if self.station.area_at(s.position) == area]
         return View(frame, base_from_camera, perceived), inside
 
     def viewpoints(self, area: str) -> list[tuple[str, str | None]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from rtask.engine import Engine
 from rtask.rdf.namespaces import PREFIXES
 from simulate.grasping.rules import GraspRequest
 from simulate.tasks.arms.bench import Bench
-from simulate.tasks.arms.introducing import introduce, survey
+from simulate.tasks.arms.introducing import _store, introduce, survey
 from simulate.tasks.arms.layouts import own_table, place_things, sorting_table
 from simulate.tasks.arms.station_body import RobotAtBench
 from simulate.tasks.arms.working import Settings, WholeCrew, crew_at_tables
@@ -22,6 +23,7 @@ from simulate.world.scene import Placement
 
 pytestmark = pytest.mark.slow
 
+PRODUCT = "urn:product"
 _APART_M = 0.025
 """By which the middle of what is seen may be off: cameras see one side of a thing."""
 
@@ -93,6 +95,51 @@ def test_things_stand_in_areas_that_hands_get_to():
     assert sorted(spot.spec.name for spot in placed) == sorted(spec.name for spec in specs)
     inside = [[a.name for a in layout.areas if a.holds(spot.x, spot.y)] for spot in placed]
     assert all(len(names) == 1 and "box" not in names[0] for names in inside)
+
+
+def test_what_lies_just_beyond_an_area_belongs_to_it_and_what_fell_off_the_table_to_none(tmp_path):
+    layout = sorting_table()
+    at = {"within": (0.15, 0.40), "beyond": (0.119, 0.435), "between": (0.26, 0.38),
+          "in the box": (0.15, 0.20), "far": (0.30, 0.80), "off": (0.40, 0.38)}  # fmt: skip
+    assert {name: layout.area_at(*spot) for name, spot in at.items()} == {
+        "within": "left part", "beyond": "left part", "between": "left part",
+        "in the box": "left box", "far": "", "off": "",
+    }  # fmt: skip
+    bench = Bench(layout, [_free(layout, spec_of("can-81"), "left part")], tmp_path, preset="fast")
+    try:
+        [laid] = bench.laid
+        bench.put(laid.body, *at["beyond"])
+        _, [seen] = RobotAtBench(bench.stations["nao-1"]).look_at("left part")
+        assert seen.position.shape == (2,)
+        assert bench.area_of(laid.body) == "left part"
+        bench.world.put(laid.body, (0.15, 0.40, 0.02), (0.0, 0.0, 0.0, 1.0))
+        assert bench.area_of(laid.body) == "", "on the floor below it"
+    finally:
+        bench.close()
+
+
+def test_a_survey_takes_what_resembles_a_product_for_one_only_where_such_a_thing_is_expected():
+    sightings = [
+        SimpleNamespace(seen=SimpleNamespace(position=np.zeros(2)), object=PRODUCT, observation={},
+                        is_accepted=is_sure)
+        for is_sure in (True, False)
+    ]  # fmt: skip
+    expected = [({PRODUCT}, {"can-86"}), ({PRODUCT}, {PRODUCT})]
+    for there, objects in zip(([], [{"thing": "urn:thing"}]), expected, strict=True):
+        stored: list[dict[str, str]] = []
+
+        def call(operation, stored=stored, **fields):
+            stored.extend(fields.get("objects", []))
+            return {"objects": [{"thing": "urn:new", "object": "urn:object"}]}
+
+        graph = SimpleNamespace(call=call, query=lambda text, there=there: there,
+                                update=lambda text: None)  # fmt: skip
+        body = SimpleNamespace(robot=SimpleNamespace(station=None), hands={"hand": ""}, graph=graph)
+        bench = SimpleNamespace(product_at=lambda station, at: spec_of("can-86"))
+        for sighting in sightings:
+            _store(graph, bench, body, sighting, "urn:place")
+        named = [{entry.get("object") or entry.get("name")} for entry in stored]
+        assert tuple(named) == objects
 
 
 def test_a_survey_tells_the_graph_what_stands_where_and_hands_where_they_get_to(tmp_path):
