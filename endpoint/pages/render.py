@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from functools import cache
 from pathlib import Path
@@ -134,7 +134,8 @@ def page(rule: str, template: str, twin: str = "") -> Callable[..., Any]:
             return flask.render_template(template, alternate=alternate, **build())
 
         def data() -> flask.Response:
-            text = json.dumps(_without_nan(build()), ensure_ascii=False, default=str)
+            model = with_evidence(_without_nan(build()))
+            text = json.dumps(model, ensure_ascii=False, default=str)
             return flask.Response(text, content_type=JSON_TYPE)
 
         blueprint.add_url_rule(rule, build.__name__, html)
@@ -151,6 +152,45 @@ def _without_nan(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_without_nan(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+_LEARNT = frozenset({"attempts", "successes", "held", "expected", "confidence", "chance"})
+_SUBJECTS = (("grasp", "grasp"), ("robot", "robot"), ("object", "object"), ("iri", "object"))
+"""Members that say what counts are about, the narrowest first, with the filter of outcomes: the
+object of a robot's row is only the one that it grasped last."""
+
+
+def with_evidence(model: Any) -> Any:
+    """Return a model in which each group of learnt numbers has the address of its evidence.
+
+    That is ``why``: the attempt, the outcomes of a grasp, robot or object, or all outcomes. A group
+    that has a member of this name keeps it.
+
+    Examples
+    --------
+    >>> with_evidence({"robots": [{"robot": "urn:r", "attempts": 2, "successes": 1}]})["robots"]
+    [{'robot': 'urn:r', 'attempts': 2, 'successes': 1, 'why': '/feedback?robot=urn%3Ar'}]
+    """
+    if isinstance(model, list):
+        return [with_evidence(item) for item in model]
+    if not isinstance(model, dict):
+        return model
+    found = {name: with_evidence(item) for name, item in model.items()}
+    is_learnt = any(_is_number(found.get(name)) for name in _LEARNT)
+    return {**found, "why": _evidence(found)} if is_learnt and "why" not in found else found
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _evidence(found: Mapping[str, Any]) -> str:
+    if isinstance(found.get("attempt"), str):
+        return f"/resource?{urlencode({'iri': found['attempt']})}"
+    for name, role in _SUBJECTS:
+        if isinstance(found.get(name), str) and found[name]:
+            return f"/feedback?{urlencode({role: found[name]})}"
+    return "/feedback"
 
 
 def problem_page(error: RtaskError | None, response: Response) -> flask.Response:

@@ -291,6 +291,38 @@ def test_each_learnt_number_in_an_answer_of_a_tool_has_an_address(
     assert learnt.keys() >= {"ask_sparql", "describe", "where_is", "recall_grasps", "find_object"}
 
 
+TWINS = (
+    "/index.json", "/objects.json", "/robots.json", "/learning.json", "/feedback.json",
+    "/object.json?iri=urn:lab/object/1", "/robot.json?iri=urn:lab/robot/nao-7",
+    "/object/merge.json?iri=urn:lab/object/1",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("address", TWINS)
+def test_each_learnt_number_in_the_json_of_a_page_has_an_address(
+    browser: FlaskClient, address: str
+) -> None:
+    answer = browser.get(address, base_url=HOST, headers={"Accept": "application/json"})
+    numbers = [
+        (number, why)
+        for number, why in learnt_in(answer.get_json())
+        if not isinstance(number, list | bool)
+    ]
+    assert numbers, address
+    for number, why in set(numbers):
+        assert why, (address, number)
+        assert "<h1>" in text_of(browser, why), why
+
+
+def test_counts_of_json_agree_with_the_outcomes_that_they_lead_to(browser: FlaskClient) -> None:
+    rows = browser.get("/robots.json", base_url=HOST).get_json()["robots"]
+    for row in rows:
+        assert row["why"].startswith("/feedback?robot=")
+        page = " ".join(re.sub("<[^>]+>", " ", text_of(browser, row["why"])).split())
+        if row["attempts"]:
+            assert f"{row['successes']} of {row['attempts']} held" in page, row
+
+
 def test_the_links_lead_to_the_robots_and_agree_with_the_numbers(browser: FlaskClient) -> None:
     links: dict[str, str] = {}
     for address in PAGES:
