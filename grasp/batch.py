@@ -38,7 +38,7 @@ class Planned:
     """Result for one object: its grasps, or why its mesh could not be read."""
 
     name: str
-    found: Proposals
+    proposals: Proposals
     error: str = ""
 
 

@@ -65,11 +65,11 @@ def subclasses_with(model: Class, name: str) -> list[str]:
 
 def _a_path_to(model: Class, origin: str) -> str:
     """Return the call that prefetches a link of the class that was queried to a class."""
-    asked = [known for known in model.__registry__.models.values() if known.__name__ == origin]
+    asked = [other for other in model.__registry__.models.values() if other.__name__ == origin]
     links = [
         f"{origin}.{link.name}"
-        for known in asked[:1]
-        for link in known.__fields__.values()
+        for queried in asked[:1]
+        for link in queried.__fields__.values()
         if link.is_link and link.target() is model
     ]
     if len(links) == 1:

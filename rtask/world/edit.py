@@ -120,6 +120,7 @@ class WorldEdit:
             ]
             identity = identify(candidates, seen.sigma_m, seen.min_extent_m)
             exemplar, doubts = identity.exemplar, identity.doubts
+            # A thing that was followed all along is known by that, and needs no doubts.
             if exemplar and not identity.is_followed:
                 doubts += self._mutual_doubts(exemplar, {name for name, _ in doubts})
         if not exemplar:
@@ -129,6 +130,7 @@ class WorldEdit:
                 base = self.world.kb.base
                 self.statements += doubted(base, exemplar, other, chance, seen.time_s)
         last = self.last(exemplar)
+        # Told late: what is known is newer, and a place in the past would contradict it.
         if last is not None and seen.time_s < last.begin:
             return exemplar
         if last is not None and last.is_current and self._is_there(last, seen):
@@ -136,6 +138,7 @@ class WorldEdit:
             self._settle(last, seen.time_s)
             return exemplar
         stays = last is not None and last.is_current and self._stays(last, seen)
+        # Seen where it was put, a thing stays in its box; only its pose is new.
         relation, place = (last.relation, last.place) if last and stays else _NO_PLACE
         self._close(exemplar, seen.time_s)
         self._open(
@@ -173,6 +176,7 @@ class WorldEdit:
         if last is not None and last.is_current and is_same:
             self._confirm(last, time_s)
             return
+        # What a hand carried is turned on its way; only what others moved beneath keeps its pose.
         pose = None if was_carried or relation == "held_by" else self._pose_at(last, place, time_s)
         self._close(exemplar, time_s)
         self._open(
@@ -197,6 +201,7 @@ class WorldEdit:
             if last is None or time_s < last.begin:
                 continue
             other = self._carried(last, exemplars) if last.is_current else None
+            # The loss of one thing and the sight of a new one are the same event: it was moved.
             self._close(exemplar, time_s if other is None else other.begin)
             if other is not None:
                 same = NamedNode(other.subject), RT.mergedInto, NamedNode(exemplar)
@@ -210,6 +215,7 @@ class WorldEdit:
             if self.world.is_merged(other) or last.subject not in doubts or first is None:
                 continue
             rivals = [name for name in doubts if name != last.subject]
+            # With another thing that may be it, nobody can tell which of the two moved.
             is_only = all(self._is_there_still(name) and name not in lost for name in rivals)
             if is_only and last.confirmed < first.begin:
                 return first
@@ -264,6 +270,7 @@ class WorldEdit:
             last = self.last(exemplar)
             if last is not None:
                 is_held = last.is_current and last.place in hands
+                # A robot without a camera on the place still handles what is on its own table.
                 is_near = last.frame.startswith(f"{robot}/") or last.place.startswith(f"{robot}/")
                 if is_held or is_near:
                     ranked.append((is_held, last.is_current, last.confirmed, exemplar))
@@ -308,6 +315,7 @@ class WorldEdit:
         last = self.last(exemplar)
         if last is None:
             return Candidate(exemplar, None, _NOWHERE, is_current=False, is_reachable=False)
+        # What this commit changes is not in the index yet, from which the spread counts events.
         pending = exemplar in self._last
         spread = spread_of(last, seen.time_s) if pending else self.world.spread(last, seen.time_s)
         there = self.world.pose_in(last, seen.frame, seen.time_s)
@@ -341,9 +349,11 @@ class WorldEdit:
         there = self.world.pose_in(last, seen.frame, seen.time_s)
         if there is None:
             return False
+        # Between two frames, the error of their transform comes on top of the least move.
         pose, moved_m = there[0], MOVED_M + (0.0 if last.frame == seen.frame else seen.sigma_m)
         if float(np.linalg.norm(pose[:3, 3] - seen.frame_from_exemplar[:3, 3])) > moved_m:
             return False
+        # A round thing has no angle about its own axis.
         if seen.is_round:
             cosine = pose[:3, 2] @ seen.frame_from_exemplar[:3, 2]
         else:
@@ -367,6 +377,7 @@ class WorldEdit:
                 return False
             before = self._pose_before(last)
             return bool(seen.exemplar) or (before is not None and self._is_there(before, seen))
+        # Put down and nudged, it is still on the same table.
         there = self.world.pose_in(last, seen.frame, seen.time_s)
         return there is not None and _distance(there[0], seen.frame_from_exemplar) <= NEARBY_M
 
@@ -431,6 +442,7 @@ class WorldEdit:
 
     def _confirm(self, last: Placement, time_s: float) -> None:
         """State that a placement still lasts, unless that was stated within a minute."""
+        # Each sight would be a commit; a place is as sure a minute later.
         if time_s - last.confirmed < _CONFIRM_S:
             return
         node = iri(last.iri)
@@ -443,6 +455,7 @@ class WorldEdit:
         """State that a thing which is still there is not another one that was seen meanwhile."""
         for other in self._doubts_about(last.subject):
             place = self.last(other)
+            # Both were in place at the same time, so that they are two.
             if place is None or not place.is_current or not last.begin < place.begin < time_s:
                 continue
             first, second = NamedNode(other), NamedNode(last.subject)

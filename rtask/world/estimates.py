@@ -55,6 +55,7 @@ def estimates_of(kb: GraphCore, product: str) -> list[Placement]:
     located.sort(key=lambda placement: placement.begin)
     seen = []
     for k, placement in enumerate(located):
+        # A product seen in another frame may be another one of its kind.
         later = [p.begin for p in located[k + 1 :] if p.frame == placement.frame]
         ends = [end for end in (placement.end, *later[:1]) if end is not None]
         seen.append(replace(placement, end=min(ends, default=None)))
@@ -71,6 +72,7 @@ def _estimate(kb: GraphCore, node: NamedNode, product: str) -> Placement | None:
     if matrix is None or not times:
         return None
     over = [seconds(python_value(q.object)) for q in kb.match(node, PROV.invalidatedAtTime)]
+    # An end before the first sight is a clock's mistake.
     end = max(min(over), times[0]) if over else None
     confidence = python_value(stored.get(RT.poseConfidence))
     agent = stored.get(PROV.wasAttributedTo)

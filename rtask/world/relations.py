@@ -17,9 +17,9 @@ from rtask.world.spots import Spot, Spots
 if TYPE_CHECKING:
     from rtask.world.state import WorldState
 
-__all__ = ["MAX_ROWS", "MAX_THINGS", "related"]
+__all__ = ["MAX_COMPARED", "MAX_ROWS", "related"]
 
-MAX_THINGS = 2_000
+MAX_COMPARED = 2_000
 """Things that one question compares."""
 
 MAX_ROWS = 10_000
@@ -53,24 +53,25 @@ def related(world: WorldState, question: PlaceQuestion) -> list[PlaceRow]:
 
 def _near(spots: Spots, question: PlaceQuestion) -> _Pairs:
     within_m = _NEAR_M if question.within_m is None else question.within_m
-    for one, other, apart in _pairs(spots, question):
+    for spot, other, apart in _pairs(spots, question):
         distance = float(np.linalg.norm(apart))
         if distance <= within_m:
-            yield _row(one, other, distance)
+            yield _row(spot, other, distance)
 
 
 def _above(spots: Spots, question: PlaceQuestion) -> _Pairs:
-    for one, other, apart in _pairs(spots, question):
+    for spot, other, apart in _pairs(spots, question):
         if apart[2] < _HIGHER_M:
+            # A pose is that of the middle, so that two things on one table differ a little.
             continue
         extent = spots.extent(other.node)
         aside_m = (_UNKNOWN_EXTENT_M if extent is None else extent) / 2.0
         if float(np.hypot(*apart[:2])) <= aside_m:
-            yield _row(one, other, float(np.linalg.norm(apart)))
+            yield _row(spot, other, float(np.linalg.norm(apart)))
 
 
 def _inside(spots: Spots, question: PlaceQuestion) -> _Pairs:
-    for thing in _things(spots, question.subject):
+    for thing in _compared(spots, question.subject):
         for container in spots.containers(thing):
             if question.other in (None, container):
                 spot = spots.of(thing)
@@ -83,12 +84,13 @@ def _reached(spots: Spots, question: PlaceQuestion) -> _Pairs:
     kb, within_m = spots.world.kb, question.within_m
     robots = _robots(spots) if question.other is None else [question.other]
     bodies = {robot: spots.of(robot) for robot in robots}
-    for thing in _things(spots, question.subject):
+    for thing in _compared(spots, question.subject):
         placement = spots.world.placement_at(thing, spots.time_s)
         places = [*spots.containers(thing), *([placement.place] if placement else [])]
         spot = spots.of(thing)
         for robot, body in bodies.items():
             distance = None
+            # Without a common root there is no distance, which is not the same as far.
             if spot is not None and body is not None and spot.root == body.root:
                 distance = float(np.linalg.norm(spot.position - body.position))
             is_stated = any(kb.match(iri(robot), RT.reaches, iri(p)) for p in places if p)
@@ -103,7 +105,7 @@ def _reached(spots: Spots, question: PlaceQuestion) -> _Pairs:
 def _pose_in(spots: Spots, question: PlaceQuestion) -> _Pairs:
     """Yield the positions of things in the frame of something."""
     target = spots.of(question.other or "")
-    for spot in [] if target is None else _spots(spots, _things(spots, question.subject)):
+    for spot in [] if target is None else _spots(spots, _compared(spots, question.subject)):
         if target is None or spot.root != target.root:
             continue
         pose = np.linalg.inv(target.root_from_node) @ spot.root_from_node
@@ -120,23 +122,24 @@ def _pairs(
     spots: Spots, question: PlaceQuestion
 ) -> Iterator[tuple[Spot, Spot, np.ndarray[tuple[int, ...], np.dtype[np.float64]]]]:
     """Yield spots of one tree, with the way (3,), m, from the second to the first."""
-    ones = _spots(spots, _things(spots, question.subject))
-    others = _spots(spots, _things(spots, question.other))
+    spots_of_subject = _spots(spots, _compared(spots, question.subject))
+    others = _spots(spots, _compared(spots, question.other))
     by_root: dict[str, list[Spot]] = {}
     for other in others:
+        # Only spots of one tree can be compared; the others are in no relation that is known.
         by_root.setdefault(other.root, []).append(other)
-    for one in ones:
-        for other in by_root.get(one.root, ()):
-            if other.node != one.node:
-                yield one, other, one.position - other.position
+    for spot in spots_of_subject:
+        for other in by_root.get(spot.root, ()):
+            if other.node != spot.node:
+                yield spot, other, spot.position - other.position
 
 
-def _things(spots: Spots, node: str | None) -> list[str]:
+def _compared(spots: Spots, node: str | None) -> list[str]:
     if node is not None:
         return [node]
-    things = spots.placed(MAX_THINGS)
-    if len(things) > MAX_THINGS:
-        raise _too_many("things", MAX_THINGS)
+    things = spots.placed(MAX_COMPARED)
+    if len(things) > MAX_COMPARED:
+        raise _too_many("things", MAX_COMPARED)
     return things
 
 
@@ -149,9 +152,9 @@ def _robots(spots: Spots) -> list[str]:
     return sorted({q.subject.value for q in quads if isinstance(q.subject, NamedNode)})
 
 
-def _row(one: Spot, other: Spot, distance: float) -> PlaceRow:
-    chance = one.still_there * other.still_there
-    return PlaceRow(one.node, other.node, {"distance": distance, "chance": chance})
+def _row(spot: Spot, other: Spot, distance: float) -> PlaceRow:
+    chance = spot.still_there * other.still_there
+    return PlaceRow(spot.node, other.node, {"distance": distance, "chance": chance})
 
 
 def _too_many(what: str, most: int) -> TooLargeError:

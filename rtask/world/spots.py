@@ -89,8 +89,8 @@ class Spots:
     def of(self, node: str, depth: int = 0) -> Spot | None:
         """Return the spot of a thing, frame, robot or place, or None if it is not known."""
         placement = self.world.placement_at(present(self.world, node), self.time_s)
-        if placement is not None and self.is_thing(node):
-            return self._of_thing(node, placement, depth)
+        if placement is not None and self.is_exemplar(node):
+            return self._of_exemplar(node, placement, depth)
         if self.world.kb.match(iri(node), RDF.type, RT.Frame):
             return self._in_frame(node, node, np.eye(4), self.time_s)
         for quad in self.world.kb.match(iri(node), RT.bodyFrame):
@@ -102,22 +102,22 @@ class Spots:
         """Return the things that have a place at this time, sorted, at most so many and one."""
         # A thing that turned out to be another one has its places of before under its own name.
         subjects = {present(self.world, name) for name in self.world.index.held_at(self.time_s)}
-        things = (subject for subject in sorted(subjects) if self.is_thing(subject))
+        things = (subject for subject in sorted(subjects) if self.is_exemplar(subject))
         return list(itertools.islice(things, most + 1))
 
-    def is_thing(self, node: str) -> bool:
+    def is_exemplar(self, node: str) -> bool:
         """Whether an IRI is of a thing."""
         return bool(self.world.kb.match(iri(node), RDF.type, RT.Exemplar))
 
     def containers(self, thing: str) -> list[str]:
         """Return what a thing is in, the innermost first."""
-        found: list[str] = []
+        containers: list[str] = []
         node = present(self.world, thing)
         while True:  # however deep: a cut would say of a thing that it is not inside
             placement = self.world.placement_at(node, self.time_s)
-            if placement is None or placement.relation != "in" or placement.place in found:
-                return found
-            found.append(placement.place)
+            if placement is None or placement.relation != "in" or placement.place in containers:
+                return containers
+            containers.append(placement.place)
             node = placement.place
 
     def extent(self, thing: str) -> float | None:
@@ -125,7 +125,7 @@ class Spots:
         product = self.world.product_of(thing) or thing
         return max(extents_of(self.world.kb, product), default=None)
 
-    def _of_thing(self, thing: str, placement: Placement, depth: int) -> Spot | None:
+    def _of_exemplar(self, thing: str, placement: Placement, depth: int) -> Spot | None:
         still = self.world.spread(placement, self.time_s).still_there * placement.confidence
         if placement.frame_from_subject is not None:
             measured_s = min(placement.begin, self.time_s)

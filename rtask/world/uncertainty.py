@@ -93,6 +93,7 @@ class Spread:
 
     def radius(self, chance: float) -> float:
         """Return the distance, m, within which the thing is with this chance."""
+        # Halving, since the sum of two such distributions has no inverse in closed form.
         low, high = 0.0, 10.0 * math.hypot(self.sigma_m, self.spread_m)
         for _ in range(50):
             middle = (low + high) / 2.0
@@ -111,8 +112,10 @@ def spread_of(placement: Placement, time_s: float, events: int = 0, shifts: int 
         The same since its pose was measured.
     """
     growth = GROWTH[placement.relation]
+    # A clock that was set back must not make a place surer than when it was seen.
     days = max(time_s - placement.confirmed, 0.0) / _DAY_S
     sigma = math.sqrt(
+        # Independent errors add up by their squares.
         placement.sigma_m**2 + growth.drift_m**2 * days + growth.shifted_m**2 * shifts
     )
     still = math.exp(-growth.carried_off_a_day * days) * (1.0 - growth.touched) ** events

@@ -17,6 +17,7 @@ from typing import Any
 import rtask
 from rtask.errors import RtaskError, UsageError
 from simulate.agent.decisions import Thresholds
+from simulate.agent.servers import LONG_CALL_S
 from simulate.demo.console import Console
 from simulate.demo.lessons import lessons_of
 from simulate.demo.processes import Endpoint, Robot, RobotJob, run_rtask
@@ -245,7 +246,7 @@ class Demo:
         new = {iri: name for iri, name in self._products.items() if iri not in known}
         if new:
             token = _new_token(folder / _STORE, "--role", "teacher", "--name", "labels")
-            with rtask.connect(url, token=token) as client:
+            with rtask.connect(url, token=token, timeout_s=LONG_CALL_S) as client:
                 state_kinds(client, new)
 
     def _opening(self) -> list[str]:

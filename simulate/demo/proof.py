@@ -31,6 +31,7 @@ import numpy as np
 import rtask
 from rtask.client import Client
 from rtask.errors import RtaskError, UsageError
+from simulate.agent.servers import LONG_CALL_S
 from simulate.demo.console import Console
 from simulate.demo.processes import Endpoint, Robot, RobotJob, run_rtask
 from simulate.demo.proof_page import write_proof
@@ -177,7 +178,8 @@ class Proof:
             console.step(f"watch the robots at {shared.url}/activity")
             self._teach(beside, shared, shuffled)
             self._meet(beside, shared, shuffled)
-            with rtask.connect(shared.url, token=self._token("shared", "--role", "admin")) as admin:
+            token = self._token("shared", "--role", "admin")
+            with rtask.connect(shared.url, token=token, timeout_s=LONG_CALL_S) as admin:
                 evidence = self._name_evidence(admin, shared.url)
                 withdrawn = self._again_without(admin, shared)
                 self._again_with(admin, shared, withdrawn["commit"])

@@ -22,9 +22,9 @@ EXCEPTIONS = {
 GENERATED = ("generated", "calls.py")
 # Upper bounds on vague words per 1,000 names; lower them as the rooms improve.
 MOST = {
-    "rtask": 1.2,
+    "rtask": 1.1,
     "endpoint": 0.7,
-    "reasoner": 0.6,
+    "reasoner": 0.55,
     "grasp": 0.6,
     "features": 1.1,
     "simulate": 0.9,

@@ -75,11 +75,15 @@ def executor(request: pytest.FixtureRequest, server: RunningServer) -> Iterator[
 
 def assert_same(one: Planned, other: Planned) -> None:
     """Fail unless two plans are equal to the last bit."""
-    assert (one.name, one.error, one.found.reason) == (other.name, other.error, other.found.reason)
-    assert dict(one.found.counts) == dict(other.found.counts)
-    assert one.found.notes == other.found.notes
-    assert len(one.found) == len(other.found)
-    for mine, theirs in zip(one.found, other.found, strict=True):
+    assert (one.name, one.error, one.proposals.reason) == (
+        other.name,
+        other.error,
+        other.proposals.reason,
+    )
+    assert dict(one.proposals.counts) == dict(other.proposals.counts)
+    assert one.proposals.notes == other.proposals.notes
+    assert len(one.proposals) == len(other.proposals)
+    for mine, theirs in zip(one.proposals, other.proposals, strict=True):
         np.testing.assert_array_equal(mine.frame_from_gripper, theirs.frame_from_gripper)
         assert dict(mine.scores) == dict(theirs.scores)
         assert (mine.width, mine.depth, mine.opening) == (
@@ -95,16 +99,16 @@ def test_a_batch_is_the_same_on_every_executor(task, serial, executor):
     found = [one for _, part in sorted(executor.finished(task, RANGES)) for one in part]
     for one, other in zip(serial, found, strict=True):
         assert_same(one, other)
-    assert len(serial[0].found) > 0
+    assert len(serial[0].proposals) > 0
     assert "no PLY mesh" in serial[2].error
-    assert not serial[3].found
+    assert not serial[3].proposals
     assert "a mesh ends in .stl" in serial[4].error
 
 
 def test_a_mesh_without_a_face_has_no_grasp_and_a_reason(task):
     (empty,) = dataclasses.replace(task, meshes=(MeshFile("empty", "obj", b""),))(0, 1)
-    assert (len(empty.found), empty.error) == (0, "")
-    assert empty.found.reason == "the mesh has no face"
+    assert (len(empty.proposals), empty.error) == (0, "")
+    assert empty.proposals.reason == "the mesh has no face"
 
 
 def test_a_pose_map_is_the_same_on_every_executor(executor):

@@ -81,7 +81,7 @@ def batch(meshes: tuple[Path, ...], as_json: bool, **options: Any) -> None:
             if mesh.name not in planned:
                 click.echo(f"{mesh.name}: not planned by the deadline")
         click.echo(f"{len(planned)} of {len(task.meshes)} objects in {seconds:.1f} s")
-    if len(planned) < len(task.meshes) or not all(plan.found for plan in planned.values()):
+    if len(planned) < len(task.meshes) or not all(plan.proposals for plan in planned.values()):
         raise click.exceptions.Exit(1)
 
 
@@ -127,8 +127,8 @@ def _planned(
     with open_named(*where) as executor, Working("planning") as working:
         for _, (plan,) in executor.finished(task, ranges):
             planned[plan.name] = plan
-            if plan.name in files and plan.found:
-                candidates = plan.found.candidates[: options["limit"]]
+            if plan.name in files and plan.proposals:
+                candidates = plan.proposals.candidates[: options["limit"]]
                 write_grasps(files[plan.name], candidates, task.gripper, plan.name, task.scale)
             working.tell(len(planned), len(ranges))
             if not is_quiet:
@@ -145,10 +145,10 @@ def _planned(
 
 
 def _line(plan: Planned) -> str:
-    if not plan.found:
-        return f"{plan.name}: no grasp: {plan.error or plan.found.reason}"
-    best = max(candidate.scores["confidence"] for candidate in plan.found)
-    return f"{plan.name}: {len(plan.found)} grasps, the best with confidence {best:.2f}"
+    if not plan.proposals:
+        return f"{plan.name}: no grasp: {plan.error or plan.proposals.reason}"
+    best = max(candidate.scores["confidence"] for candidate in plan.proposals)
+    return f"{plan.name}: {len(plan.proposals)} grasps, the best with confidence {best:.2f}"
 
 
 def _as_json(
@@ -169,10 +169,10 @@ def _as_json(
                 "width": float(candidate.width),
                 "message": spatial_grasp_message(candidate, task.gripper, "object"),
             }
-            for candidate in plan.found.candidates[: options["limit"]]
+            for candidate in plan.proposals.candidates[: options["limit"]]
         ]
-        not_shown += max(0, len(plan.found) - options["limit"])
-        reason = plan.error or plan.found.reason
+        not_shown += max(0, len(plan.proposals) - options["limit"])
+        reason = plan.error or plan.proposals.reason
         objects.append({"mesh": mesh.name, "planned": True, "grasps": grasps, "reason": reason})
     announce_more(not_shown, what="grasps")
     return {"gripper": task.gripper.name, "seconds": seconds, "objects": objects}

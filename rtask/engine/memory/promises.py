@@ -55,8 +55,8 @@ def grown_promises(
 
 def hands_of_type(context: Context, gripper_type: str) -> list[NamedNode]:
     """Return the IRIs of the registered hands of a type."""
-    known = context.grippers.all()
-    return [stored.iri for stored in known if stored.gripper.gripper_type == gripper_type]
+    registered = context.grippers.all()
+    return [stored.iri for stored in registered if stored.gripper.gripper_type == gripper_type]
 
 
 def stored_scores(context: Context, grasps: Sequence[str]) -> dict[str, dict[str, float]]:
@@ -89,8 +89,8 @@ SELECT DISTINCT ?attempt ?robot ?lift ?carry ?load ?held ?decided ?reason ?place
 
 
 def _scores(row: Row) -> dict[str, float]:
-    told = {name: row.value(name) for name in SCORES}
-    return {name: float(str(value)) for name, value in told.items() if value is not None}
+    scores = {name: row.value(name) for name in SCORES}
+    return {name: float(str(value)) for name, value in scores.items() if value is not None}
 
 
 def _held(row: Row) -> dict[str, bool]:

@@ -159,7 +159,7 @@ class SpacePlans(Service):
         )
         file = MeshFile(name, kind, mesh)
         planned = BatchPlan((file,), hand, options, scale, floating).plan(file)
-        plans = planned.found
+        plans = planned.proposals
         return SpacePlan(
             grasps=[_sent(grasp) for grasp in plans], reason=plans.reason, notes=list(plans.notes),
             counts=dict(plans.counts), advice=plans.advice, error=planned.error,

@@ -21,6 +21,8 @@ from simulate.thesis.result import Result, Setting, share_of
 __all__ = ["stored_images"]
 
 Picture = NDArray[np.uint8]
+# The first image loads what recognition needs, which takes long on a busy machine.
+_PATIENCE_S = 300.0
 
 
 def stored_images(setting: Setting) -> Result:
@@ -32,7 +34,7 @@ def stored_images(setting: Setting) -> Result:
     with ScratchFolder("images") as folder:
         endpoint = Endpoint(folder / "store", 0, folder / "log")
         try:
-            with rtask.connect(endpoint.url) as client:
+            with rtask.connect(endpoint.url, timeout_s=_PATIENCE_S) as client:
                 for name, shown_first in trained.items():
                     kind = name.partition("-")[0]
                     for view in shown_first:

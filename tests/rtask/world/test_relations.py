@@ -174,7 +174,7 @@ def test_bounds_are_said_and_nothing_is_left_out_silently(lab, ask, things, monk
     monkeypatch.setattr(relations, "MAX_ROWS", 3)
     with pytest.raises(TooLargeError, match="more than 3 pairs to compare; name the thing"):
         ask("?a rtf:near ?b", 10)
-    monkeypatch.setattr(relations, "MAX_THINGS", 3)
+    monkeypatch.setattr(relations, "MAX_COMPARED", 3)
     with pytest.raises(TooLargeError, match="more than 3 things"):
         ask("?a rtf:near ?b ; rtf:within 0.01", 10)
 
