@@ -16,7 +16,7 @@ test test-quick test-deep test-night check: export PYTHONDONTWRITEBYTECODE :=
 # What programs write and how files are read does not hang on the locale of whoever runs the tests.
 test test-quick test-deep test-night check: export LC_ALL := C.UTF-8
 
-.PHONY: help setup system pages demo test test-quick test-deep test-night check conformance bench site dist clean
+.PHONY: help setup system pages demo test test-quick test-deep test-night coverage check conformance bench site dist clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -75,6 +75,10 @@ test-deep: $(READY)  ## run the tests of large sizes and many draws, which `make
 
 test-night: $(READY)  ## run whole studies, which `make test-deep` leaves out: an hour
 	@$(BIN)/python -m pytest $(IN_PARALLEL) --timeout 900 -m night tests $(ARGS)
+
+coverage: $(READY)  ## which lines of each room its tests run; ARGS="reasoner grasp" for some rooms
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check 'coverage>=7.10'
+	@$(BIN)/python -m tests.covered $(ARGS)
 
 check: $(READY)  ## lint, types, import layers, docs
 	@$(BIN)/ruff check .
