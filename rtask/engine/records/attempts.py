@@ -216,37 +216,53 @@ def attempt_triples(context: Context, attempt: Attempt) -> Triples:
     """Return the triples of an attempt: its task, outcome, evidence and pictures."""
     triples, report = Triples(), attempt.outcome.report
     outcome, feedback = context.names.unique("outcome"), context.names.unique("feedback")
-    robot, belief = attempt.gripper.robot, attempt.received.belief
     triples.node(
         attempt.task,
         [attempt.task_class],
         {
             RT.taskName: attempt.task_name,
-            RT.assignedTo: robot,
+            RT.assignedTo: attempt.gripper.robot,
             RT.handles: attempt.object_iri,
             RT.through: attempt.attempt,
         },
     )
-    preset = report.preset
+    _state_attempt(context, triples, attempt, outcome)
+    _state_outcome(triples, attempt.outcome, outcome, feedback)
+    if report.confirmed_by == "human":
+        operator = report.operator or "operator"
+        verdict = Verdict(operator, attempt.outcome.held, attempt.ended)
+        state_verdict(
+            context, triples, outcome, verdict, (int(verdict.held), int(not verdict.held))
+        )
+    _state_pictures(context, triples, attempt)
+    _state_motion(context, triples, attempt)
+    return triples
+
+
+def _state_attempt(
+    context: Context, triples: Triples, attempt: Attempt, outcome: NamedNode
+) -> None:
+    report, received = attempt.outcome.report, attempt.received
+    preset, belief = report.preset, received.belief
     triples.node(
         attempt.attempt,
         [RT.GraspAttempt],
         {
-            RT.performedBy: robot,
+            RT.performedBy: attempt.gripper.robot,
             RT.activates: attempt.gripper.iri,
             RT.executesGrasp: attempt.grasp,
             RT.hasOutcome: outcome,
             RT.usedRecognition: attempt.recognition,
             RT.handlesExemplar: attempt.exemplar,
             RT.requestId: attempt.request_id,
+            # Whoever does not say leaves it open: a real robot may just not have filled it in.
             RT.simulated: None if preset is None else preset != "real",
             RT.attemptNumber: report.attempt_number,
             RT.candidateCount: report.candidate_count,
             RT.candidateRank: report.candidate_rank,
-            RT.analyticQuality: attempt.received.quality,
-            RT.qualityKind: None
-            if attempt.received.quality is None
-            else quality_kind(attempt.received),
+            RT.analyticQuality: received.quality,
+            RT.qualityKind: None if received.quality is None else quality_kind(received),
+            # What was believed before, without which nobody could say later what was learned.
             RT.priorAlpha: belief[0] if belief else None,
             RT.priorBeta: belief[1] if belief else None,
             RT.policyVersion: context.policy.version if belief else None,
@@ -257,16 +273,21 @@ def attempt_triples(context: Context, attempt: Attempt) -> Triples:
             **{TIMES[k]: float(v) for k, v in sorted(attempt.times.items()) if v is not None},
         },
     )
+
+
+def _state_outcome(
+    triples: Triples, judged: Outcome, outcome: NamedNode, feedback: NamedNode
+) -> None:
+    """State how an attempt ended, and what the robot's senses say of it."""
+    report = judged.report
     triples.node(
         outcome,
         [RT.GraspOutcome],
         {
-            RT.success: attempt.outcome.held,
-            RT.placed: attempt.outcome.placed,
-            RT.hasReason: reason(attempt.outcome.reason),
-            RT.placeReason: reason(attempt.outcome.place_reason)
-            if attempt.outcome.place_reason
-            else None,
+            RT.success: judged.held,
+            RT.placed: judged.placed,
+            RT.hasReason: reason(judged.reason),
+            RT.placeReason: reason(judged.place_reason) if judged.place_reason else None,
             RT.hasFeedback: feedback,
         },
     )
@@ -274,8 +295,8 @@ def attempt_triples(context: Context, attempt: Attempt) -> Triples:
         feedback,
         [RT.PhysicsFeedback],
         {
-            RT.verdict: attempt.outcome.held,
-            RT.preset: preset,
+            RT.verdict: judged.held,
+            RT.preset: report.preset,
             RT.liftHeight: report.lifted_m,
             RT.slipDistance: report.slip,
             RT.linksTouching: report.links_touching,
@@ -285,17 +306,8 @@ def attempt_triples(context: Context, attempt: Attempt) -> Triples:
             RT.placeOffset: report.place_offset,
         },
     )
-    for comment in attempt.outcome.comments:
+    for comment in judged.comments:
         triples.add(feedback, RT.comment, comment)
-    if report.confirmed_by == "human":
-        operator = report.operator or "operator"
-        verdict = Verdict(operator, attempt.outcome.held, attempt.ended)
-        state_verdict(
-            context, triples, outcome, verdict, (int(verdict.held), int(not verdict.held))
-        )
-    _state_pictures(context, triples, attempt)
-    _state_motion(context, triples, attempt)
-    return triples
 
 
 def state_verdict(

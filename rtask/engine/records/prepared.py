@@ -25,7 +25,7 @@ from rtask.engine.records.outcomes import Outcome, OutcomeReport
 from rtask.engine.records.places import Located, located
 from rtask.engine.records.received import TURNS, Received, received
 from rtask.engine.records.record import Earlier, earlier
-from rtask.engine.remembered import RememberedObject
+from rtask.engine.remembered import Memory, RememberedObject
 from rtask.engine.terms import folded
 from rtask.errors import UnknownTermError, UsageError
 from rtask.kb.durability.blobs import Blob
@@ -36,6 +36,7 @@ from rtask.wire.request_id import StoredOnce
 from rtask.wire.types import Flag, Grasp, Iri, Number, Text, Unit
 
 if TYPE_CHECKING:
+    from features.recognition.recogniser import Recognition
     from features.words.word import Word
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
@@ -152,8 +153,8 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     before = stored_before(context, item.task_id, access, gripper)
     if before is not None:
         if item.outcome is not None:
-            told = Outcome.of(item.outcome, context.reasons, f"{where}.outcome")
-            before.refuse_contradiction(item.task_id or "", told.held)
+            reported = Outcome.of(item.outcome, context.reasons, f"{where}.outcome")
+            before.refuse_contradiction(item.task_id or "", reported.held)
         return Repeated(item.task_id or "", before, gripper)
     seen = observe_once(context, item, where)
     kinds = classes_named(context, item.class_description)
@@ -167,13 +168,7 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     # Grasps of other objects of the class are no part of an insertion.
     memory = recall(context.kb, replace(question, classes=()))
     recognition = settle(recognition, memory, seen, context.policy)
-    existing = None
-    if item.object:
-        existing = memory.objects.get(item.object)
-        if existing is None:
-            raise no_object(context, item.object)
-    elif item.merge and recognition.accepted and (kinds or not item.class_description):
-        existing = memory.objects.get(recognition.matches[0].object_iri)
+    existing = _existing(context, item, recognition, memory, has_kind=bool(kinds))
     if existing is not None and _is_view_alone(item):
         same = _view_with(context, iri(existing.iri), seen.data)
         if same:
@@ -212,6 +207,27 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
         item, where, seen, existing, placement, gripper, grasp, outcome, view, growth, generation,
         vector, place, resembles, None if context.words is None else context.words.read(seen),
     )  # fmt: skip
+
+
+def _existing(
+    context: Context, item: NewObject, recognition: Recognition, memory: Memory, *, has_kind: bool
+) -> RememberedObject | None:
+    """Return the stored object that an entry is about; None for a new one.
+
+    Raises
+    ------
+    UnknownTermError
+        It names an unknown object.
+    """
+    if item.object:
+        existing = memory.objects.get(item.object)
+        if existing is None:
+            raise no_object(context, item.object)
+        return existing
+    # A kind that nobody knows is a new kind: what was recognised is of another one.
+    if item.merge and recognition.accepted and (has_kind or not item.class_description):
+        return memory.objects.get(recognition.matches[0].object_iri)
+    return None
 
 
 def _viewpoint(
