@@ -50,8 +50,9 @@ _ROUGHER = 20
 _STEP_PX = 3
 """Every third row and column tells as much of numbers, and sorts in a ninth of the time."""
 _MAX_PLATEAU, _OUTSTANDING, _MANY_NUMBERS = 0.01, 10, 50
-"""One number that holds such a share, so many times the next one's, of so many, was not measured:
-noise spreads even a wall that faces the camera."""
+"""One number of so many that holds such a share, so many times that of any near it, was not
+measured: noise spreads even a wall that faces the camera."""
+_NEAR_NUMBERS = 0.1
 _NOISE_M = 0.0015
 """Median second difference along rows: twice as much as rounding to millimetres makes."""
 _BENT = 1.5
@@ -100,7 +101,10 @@ def _outstanding(depth_m: NDArray[np.float32]) -> str:
     if len(numbers) < _MANY_NUMBERS:
         return ""
     most = int(counts.argmax())
-    share, next_most = counts[most] / counts.sum(), np.partition(counts, -2)[-2]
+    share, off = counts[most] / counts.sum(), np.abs(numbers - numbers[most])
+    # Far away, the steps of a stereo camera are a hundredth of the depth: a tenth holds some.
+    is_near = (off > 0) & (off < _NEAR_NUMBERS * numbers[most])
+    next_most = int(counts[is_near].max(initial=0))
     if share < _MAX_PLATEAU or counts[most] < _OUTSTANDING * next_most:
         return ""
     # Without noise a wall that faces the camera is of one number, too.

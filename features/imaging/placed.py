@@ -26,6 +26,7 @@ _MAX_ERROR_PX = 0.75
 _ALL, _WIDEST = 0.995, float(np.tan(np.deg2rad(60)))
 """Share of the points, and the slope to the axis, that one camera sees."""
 _SLOPE_DIGITS, _MAX_OFF_PX = 5, 0.15
+_SMALL_STEP, _IN_ORDER = 0.1, 0.9
 _MAX_EMPTY = 12
 """Pixels for each point: a cloud of one thing leaves most of its image empty."""
 _MAX_SKEW, _MAX_STRETCH = 0.01, 0.05
@@ -80,12 +81,34 @@ def _with_sides_exchanged(cloud: Cloud) -> tuple[Cloud, str] | None:
     )
 
 
+def _runs_mirrored(positions: FloatArray) -> bool:
+    """Whether points (n, 3) come row by row as of a mirror image.
+
+    Programs that leave out what was not measured keep the order of the pixels: slopes to the right
+    rise within a row, and those down from row to row. Turned by half, both fall.
+    """
+    if len(positions) < _MIN_POINTS or (positions[:, 2] <= 0).any():
+        return False
+    across, down = (positions[:, :2] / positions[:, 2:]).T
+    step = np.diff(across)
+    in_row = np.abs(step) < _SMALL_STEP * np.ptp(across)
+    if not in_row.any() or not np.ptp(down):
+        return False
+    right, below = np.mean(np.sign(step[in_row])), np.corrcoef(np.arange(len(down)), down)[0, 1]
+    return bool(min(abs(right), abs(below)) > _IN_ORDER and right * below < 0)
+
+
 def _of_drawing(cloud: Cloud) -> tuple[Cloud, str]:
     """Return a cloud in the axes of drawings (y up, z backward) in those of a camera.
 
     So RealSense's viewer and most programs that draw export what a camera sees.
     """
     doubt = doubtful_frame(cloud.positions, cloud.frame_id)
+    if not doubt and not cloud.is_organised and _runs_mirrored(cloud.positions):
+        return cloud, (
+            "its points come row by row as of a mirror image: does one of its axes, or the order "
+            "of its pixels, run the other way?"
+        )
     x, y, z = cloud.positions.T
     if not doubt or not len(z) or (z < 0).mean() < _ALL:
         return cloud, doubt

@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from features.codec.limits import CloudFormatError
+from features.codec.types import Cloud
+from features.imaging.doubts import implausible_depth
+from features.imaging.placed import in_camera_frame
 from features.imaging.recordings import first_view, views_of
 from tests.features.imaging.drives import HEIGHT, WIDTH, Drive, depth_mm, seen
-from tests.features.imaging.table_seen import points_of_table
+from tests.features.imaging.table_seen import depth_of_table, points_of_table
 
 pytest.importorskip("rosbags")
 
@@ -299,6 +302,31 @@ def test_a_cloud_of_other_axes_or_units_is_put_right_or_doubted(
     cloud, warnings = seen(drive, tmp_path)
     assert np.median(cloud.positions[:, 2]) == pytest.approx(middle_m, rel=0.01)
     assert [said in one for one in warnings] == [True] * bool(said)
+
+
+@pytest.mark.parametrize(
+    ("axes", "is_mirrored"),
+    [((1, 1, 1), False), ((-1, 1, 1), True), ((1, -1, 1), True), ((-1, -1, 1), False)],
+)
+@pytest.mark.parametrize("is_shuffled", [False, True])
+def test_points_in_the_order_of_pixels_show_a_mirror_image(
+    axes: tuple[int, int, int], is_mirrored: bool, is_shuffled: bool
+) -> None:
+    points = points_of_table().reshape(-1, 3)
+    points = (points[np.isfinite(points).all(axis=1)] * axes).astype(np.float32)
+    if is_shuffled:
+        np.random.default_rng(0).shuffle(points)
+    _, doubt = in_camera_frame(Cloud(points))
+    # A table seen from below hangs: only what stands on it is doubted then, and not here.
+    assert ("mirror image" in doubt) is (is_mirrored and not is_shuffled)
+
+
+@pytest.mark.parametrize("mark_mm", [350, 4000])
+def test_a_number_far_from_all_others_is_doubted_in_a_small_share(mark_mm: int) -> None:
+    depth = depth_of_table().astype(np.float32)
+    depth[np.random.default_rng(0).random(depth.shape) < 0.03] = mark_mm / 1000
+    assert f"exactly {mark_mm / 1000:g} m" in implausible_depth(depth)
+    assert not implausible_depth(depth_of_table().astype(np.float32))
 
 
 def test_height_and_width_that_are_exchanged_are_put_right_and_said(tmp_path: Path) -> None:
