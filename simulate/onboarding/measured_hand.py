@@ -20,6 +20,9 @@ _TOOL_ABOVE_TIP_M = 0.009
 _MIN_STROKE_M = 0.008
 _ALIGNED = 0.94
 """Cosine of the angle below which a direction is taken to be the wrist's axis."""
+_SAME, _NEAR_FRAME, _SQUARE, _AGREEING = 0.9986, 0.82, 0.9, 0.996
+"""Cosines: an axis of the fingers' frames is the wrist's; or may be so far from the way to the
+tips, from square to the closing axis, and from that of the other finger."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +88,7 @@ def measured_pair(robot: RobotDescription, wrist: str, closing: Closing) -> Meas
     wide = [points_of(robot, tip, link_poses(wrist, fingers, opened)[tip]) for tip in closing.tips]
     apart = wide[1].mean(axis=0) - wide[0].mean(axis=0)
     axis = _as_meant(wrist, fingers, apart / np.linalg.norm(apart))
-    approach = _approach(robot, wrist, near, axis)
+    approach = _approach(robot, wrist, closing, near, axis)
     if approach is None:
         return None
     axis = axis - (axis @ approach) * approach
@@ -181,11 +184,16 @@ def _as_meant(wrist: str, fingers: Sequence[Joint], closing: Floats) -> Floats:
 
 
 def _approach(
-    robot: RobotDescription, wrist: str, tips: Sequence[Floats], closing: Floats
+    robot: RobotDescription,
+    wrist: str,
+    fingers: Closing,
+    tips: Sequence[Floats],
+    closing: Floats,
 ) -> Floats | None:
     """Return the direction (3,) from the wrist to the closed tips, across the closing axis.
 
-    An axis of the last arm joint that is nearly the same counts as meant.
+    An axis of the fingers' frames, or of the last arm joint, that is nearly the same counts as
+    meant: on a bracket that leads aside, the way from the wrist to the tips is not the fingers'.
     """
     outwards = np.mean([points.mean(axis=0) for points in tips], axis=0)
     outwards = outwards - (outwards @ closing) * closing
@@ -193,17 +201,57 @@ def _approach(
     if length < 1e-3:
         return None
     outwards /= length
+    framed = _finger_axis(wrist, fingers, outwards, closing)
+    if framed is not None:
+        return _as_wrist_axis(robot, wrist, framed, _SAME)
     return _as_wrist_axis(robot, wrist, outwards)
 
 
-def _as_wrist_axis(robot: RobotDescription, wrist: str, direction: Floats) -> Floats:
+def _finger_axis(wrist: str, fingers: Closing, outwards: Floats, closing: Floats) -> Floats | None:
+    """Return the axis of the frames in which fingers are mounted that is nearest to a direction.
+
+    None where the fingers' frames disagree, or none of their axes is near; and for a thumb and a
+    finger, which are mounted each in its own way.
+    """
+    poses = link_poses(wrist, fingers.joints, {})
+    above = {joint.child: joint for joint in fingers.joints}
+    axes, motions = [], []
+    for tip in fingers.tips:
+        joint = above.get(tip)
+        while joint is not None and joint.parent != wrist:
+            joint = above.get(joint.parent)
+        if joint is None:
+            return None
+        frame = poses[joint.child][:3, :3]
+        motions.append(frame @ np.array(joint.axis))
+        nearest = int(np.abs(outwards @ frame).argmax())
+        axis = frame[:, nearest] * np.sign(outwards @ frame[:, nearest])
+        # Fingers may be mounted tilted towards each other.
+        square = axis - (axis @ closing) * closing
+        length = float(np.linalg.norm(square))
+        if length < _SQUARE:
+            return None
+        axes.append(square / length)
+    if axes[0] @ axes[1] < _AGREEING:
+        return None
+    is_pair = abs(motions[0] @ motions[1]) >= _SQUARE * np.linalg.norm(motions[0]) ** 2
+    if not (is_pair or fingers.is_triple):
+        return None
+    mean = np.mean(axes, axis=0)
+    mean = mean / np.linalg.norm(mean)
+    return np.asarray(mean) if mean @ outwards >= _NEAR_FRAME else None
+
+
+def _as_wrist_axis(
+    robot: RobotDescription, wrist: str, direction: Floats, aligned: float = _ALIGNED
+) -> Floats:
     """Return the axis of the last arm joint if a direction is nearly the same, else that."""
     path = robot.path(wrist)
     if not path:
         return direction
     axis = np.array(path[-1].axis) / np.linalg.norm(path[-1].axis)
     along = float(axis @ direction)
-    return np.asarray(axis * np.sign(along) if abs(along) >= _ALIGNED else direction)
+    return np.asarray(axis * np.sign(along) if abs(along) >= aligned else direction)
 
 
 def _middle(values: Floats) -> float:

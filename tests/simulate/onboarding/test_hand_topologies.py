@@ -229,6 +229,25 @@ def test_a_gripper_without_an_arm_is_recognised(tmp_path, name):
         guess_robot(tmp_path / f"{name}.urdf", "alone")
 
 
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+@pytest.mark.parametrize("is_turning", [False, True])
+def test_fingers_on_a_bracket_that_leads_aside_approach_along_themselves(tmp_path, yaw, is_turning):
+    built = Builder().arm(5).link("a5", ("0.05 0.05 0.03", "0 0 0.015")).link("palm", PALM)
+    # The way from the wrist to the tips is 17 degrees off.
+    built.parts.append(
+        '<joint name="bracket" type="fixed"><parent link="a5"/><child link="palm"/>'
+        f'<origin xyz="0 0 0.03" rpy="0 1.570796 {yaw}"/></joint>'
+    )
+    for name, sign in (("p1", 1), ("p2", -1)):
+        built.link(name, ("0.02 0.01 0.06", "0 0 0.03"))
+        if is_turning:
+            built.joint("palm", name, f"0 {sign * 0.03} 0.05", f"{sign} 0 0", -0.6, 0.4)
+        else:
+            built.joint("palm", name, f"0 {sign * 0.005} 0.05", f"0 {sign} 0", 0, 0.03, "prismatic")
+    (hand,) = found(tmp_path, built)
+    np.testing.assert_allclose(hand.approach, [np.cos(yaw), np.sin(yaw), 0], atol=0.01)
+
+
 def no_hands() -> dict[str, Builder]:
     bare = Builder().arm(6).link("a6", ("0.05 0.05 0.02", "0 0 0.01"))
     legs = Builder().link("trunk", ("0.3 0.2 0.08", "0 0 0"))
