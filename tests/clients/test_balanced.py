@@ -16,7 +16,7 @@ import httpx
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
-from tests.benchmarks.endpoint.following import make_writer
+from tests.following import make_writer
 from tests.nginx import NGINX, running_nginx
 from tests.servers import RunningServer, bearer, running_server
 from tests.sparql_servers import free_port

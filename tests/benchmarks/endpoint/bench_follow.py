@@ -29,7 +29,7 @@ from scipy import stats
 import rtask
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.durability.recovery import replay_all
-from tests.benchmarks.endpoint.following import make_writer
+from tests.following import make_writer
 from tests.servers import RunningServer, bearer, running_server
 
 RATE = 50.0

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import httpx
 
-from tests.benchmarks.endpoint.following import digest, make_writer
+from tests.following import digest, make_writer
 from tests.servers import RunningServer, bearer, running_server
 from tests.sparql_servers import free_port
 

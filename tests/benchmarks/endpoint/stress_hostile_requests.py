@@ -21,9 +21,9 @@ from pathlib import Path
 import httpx
 
 from endpoint.access.tokens import TokenStore
-from tests.benchmarks.endpoint.processor_waits import Wait, timed
 from tests.benchmarks.endpoint.stress_updates import UPDATE, resident, told
 from tests.hostile_requests import REQUESTS, HostileRequest
+from tests.processor_waits import Wait, timed
 from tests.servers import RunningServer, running_server
 
 _BASE = "http://hostile.example/"

@@ -26,8 +26,8 @@ from pathlib import Path
 import httpx
 
 from tests.benchmarks.endpoint.bench_race import Link
-from tests.benchmarks.endpoint.following import make_writer
 from tests.benchmarks.endpoint.stress_follow import Side
+from tests.following import make_writer
 from tests.nginx import running_nginx
 from tests.servers import bearer
 from tests.sparql_servers import free_port

@@ -22,7 +22,7 @@ from pathlib import Path
 import httpx
 import psutil
 
-from tests.benchmarks.endpoint.processor_waits import Wait, timed
+from tests.processor_waits import Wait, timed
 from tests.servers import RunningServer, running_server
 
 LIMIT_S = 5.0
