@@ -122,15 +122,14 @@ def _journal(files: Files) -> JournalFile:
 def _turned_back(
     files: Files, graphs: Graphs, journal: JournalFile, folder: Path, seq: int
 ) -> EmbeddedStore:
-    return turn_back(files, graphs, journal, str(folder / "store"), seq)
+    path = str(folder / "store")
+    turn_back(files, graphs, journal, path, seq)
+    # Opened anew: readers in other processes failed now and then beside one that may write.
+    return EmbeddedStore(Store.read_only(path), path)
 
 
-def turn_back(
-    files: Files, graphs: Graphs, journal: JournalFile, path: str, seq: int
-) -> EmbeddedStore:
+def turn_back(files: Files, graphs: Graphs, journal: JournalFile, path: str, seq: int) -> None:
     """Make the store of an earlier state, from the nearest one that is kept or from the current.
-
-    It is returned open, for opening it takes a third of a question about the past.
 
     Raises
     ------
@@ -143,7 +142,8 @@ def turn_back(
             break
         if ladder.copy(state, Path(path)):
             try:
-                return _Replay(files, graphs, journal, path, state.seq, seq, distance).run()
+                _Replay(files, graphs, journal, path, state.seq, seq, distance).run()
+                return
             except UnsupportedError:  # a bulk load lies between; from the other side it does not
                 shutil.rmtree(path, ignore_errors=True)
     # A commit stored while copying may or may not be in the copy. Undoing one that is not does no
@@ -151,7 +151,7 @@ def turn_back(
     with files.store.complete():
         embedded_store(files.store, "an earlier state").raw.backup(path)
     distance = journal.marks.changed(seq, _LAST)
-    return _Replay(files, graphs, journal, path, _LAST, seq, distance).run()
+    _Replay(files, graphs, journal, path, _LAST, seq, distance).run()
 
 
 def replayed_for(files: Files, seq: int) -> int:
@@ -194,8 +194,8 @@ class _Replay:
     seq: int
     distance: int
 
-    def run(self) -> EmbeddedStore:
-        """Replay, and keep copies on the way if it is long; return the store.
+    def run(self) -> None:
+        """Replay, and keep copies on the way if it is long.
 
         Raises
         ------
@@ -203,7 +203,7 @@ class _Replay:
             The journal does not hold all that changed on the way.
         """
         if not self.distance:
-            return EmbeddedStore(Store.read_only(self.path), self.path)
+            return  # a state that is kept: to open it to write takes a third of the question
         store = EmbeddedStore(Store(self.path), self.path)
         settings = self.files.settings
         try:
@@ -227,10 +227,8 @@ class _Replay:
                 _require_whole(store, self.graphs, Catalogue(store, self.graphs), self.seq)
             if size > _FLUSHED_BYTES:
                 store.flush()
-        except BaseException:
+        finally:
             store.close()
-            raise
-        return store
 
     def _stretches(self) -> Iterator[tuple[int, int]]:
         """Yield the commits on the way, as (after, up to); a copy is kept after each piece."""
