@@ -15,6 +15,7 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 
+from features.geometry import FloatArray
 from features.perception import Seen, neighbour_points
 from rtask.rdf.namespaces import PREFIXES
 from simulate.agent.grasp_choice import GraspChoice, choose_grasp
@@ -28,6 +29,7 @@ from simulate.tasks.arms.bench import OTHER_ROBOT, Station
 from simulate.tasks.arms.bystanders import Bystanders
 from simulate.tasks.arms.resuming import is_away, resumed
 from simulate.tasks.arms.station_body import RobotAtBench
+from simulate.tasks.arms.visibility import is_seen_through
 from simulate.tasks.body import Attempted, Deed
 from simulate.tasks.executor import Graph
 from simulate.world.seeds import mix_seed
@@ -117,7 +119,7 @@ class ArmBody:
         self._shown = {**places, **{iri: name for iri, name in (others or {}).items()
                                     if iri not in places and self.robot.shows(name)}}  # fmt: skip
         self._used: dict[tuple[str, str], list[tuple[float, float]]] = {}
-        self._seen: dict[tuple[str, int], tuple[tuple[float, int], list[Sighting]]] = {}
+        self._seen: dict[tuple[str, int], tuple[tuple[float, int], list[Sighting], View]] = {}
         self._asked = 0
         self._tried: Counter[str] = Counter()
         layout = station.bench.layout
@@ -173,6 +175,26 @@ class ArmBody:
         product, views = self.product(item), range(len(self.robot.viewpoints(self._shown[place])))
         return max(sum(s.object == product for s in self.look(place, view)) for view in views)
 
+    def spots(self, item: str, place: str) -> list[FloatArray]:
+        """Return the surfaces (n, 3), m, base frame, of what is seen of a product in an area.
+
+        From the view that shows most of them; of a thing alone also if it is known by its size.
+        """
+        product, views = self.product(item), range(len(self.robot.viewpoints(self._shown[place])))
+        of_view = [[s for s in self.look(place, view) if s.object == product] for view in views]
+        best = max(of_view, key=len)
+        fallen = self._sight_anew(item, place) if not best else None
+        return [s.seen.points for s in (best if fallen is None else [fallen])]
+
+    def is_empty(self, spot: FloatArray, place: str) -> bool:
+        """Look whether there is nothing any more where a surface of an area was seen."""
+        for number in range(len(self.robot.viewpoints(self._shown[place]))):
+            self.look(place, number)
+            view = self._seen[place, number][2]
+            if is_seen_through(spot, view.frame, view.base_from_camera):
+                return True
+        return False
+
     def holds(self, item: str) -> bool:
         """Return whether a hand has a thing, by what this program knows."""
         return any(held.item == item for held in self._held.values())
@@ -202,7 +224,8 @@ class ArmBody:
         moment, key = self.robot.world.moment, (place, number)
         if key not in self._seen or self._seen[key][0] != moment:
             view, inside = self.robot.look_at(self._shown[place], number)
-            self._seen[key] = moment, _told_apart([self._recognise(s, view) for s in inside])
+            sightings = _told_apart([self._recognise(seen, view) for seen in inside])
+            self._seen[key] = moment, sightings, view
         return self._seen[key][1]
 
     def look_anew(self) -> None:

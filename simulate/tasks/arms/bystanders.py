@@ -2,7 +2,8 @@
 
 An arm can push over, or off the table, what its task is not about. Nobody would look for that: a
 step fails for its own thing alone, and one that is done looks at nothing else. So what was seen
-before a motion and is not seen after it is no longer said to be there.
+before a motion, and whose place is seen empty after it, is no longer said to be there. What the arm
+hides, such as behind a thing that it holds up, is looked for after the next motion once more.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
+from features.geometry import FloatArray
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.executor import Graph
 
@@ -35,6 +37,12 @@ class Observer(Protocol):
     def holds(self, item: str) -> bool:
         """Return whether a hand has a thing."""
 
+    def spots(self, item: str, place: str) -> list[FloatArray]:
+        """Return the surfaces (n, 3), m, base frame, of what is seen of a product in an area."""
+
+    def is_empty(self, spot: FloatArray, place: str) -> bool:
+        """Look whether there is nothing any more where a surface of an area was seen."""
+
 
 class Bystanders:
     """Things on the areas of the table that a robot gets to.
@@ -52,6 +60,8 @@ class Bystanders:
     def __init__(self, observer: Observer, graph: Graph, areas: Sequence[str]) -> None:
         self._observer, self._graph, self._areas = observer, graph, areas
         self._stood: dict[str, str] = {}
+        self._spots: dict[str, list[FloatArray]] = {}
+        self._hidden: dict[str, str] = {}
         self._counted: set[tuple[str, str]] = set()
         self._but, self._but_at = "", frozenset[str]()
         self.known: Mapping[str, str] = {}
@@ -72,8 +82,15 @@ class Bystanders:
         self._stood = {
             item: place
             for item, place in self.known.items()
-            if item != but and self._observer.is_seen(item, place)
+            if item != but
+            and (self._observer.is_seen(item, place) or self._hidden.get(item) == place)
         }
+        hidden = {item: self._spots[item] for item in self._hidden if item in self._stood}
+        self._spots = {
+            item: self._observer.spots(item, place) or hidden.get(item, [])
+            for item, place in self._stood.items()
+        }
+        self._hidden = {}
         equal = Counter((place, self._observer.product(item)) for item, place in self.known.items())
         # Seen less than all of them before, a count says nothing about them afterwards.
         self._counted = {
@@ -94,16 +111,25 @@ class Bystanders:
 
         What another robot has taken meanwhile, as the graph has it, is left out.
         """
-        gone = [item for item, at in self._stood.items() if not self._observer.is_seen(item, at)]
-        gone += self._missing_equals(gone)
+        unseen = [item for item, at in self._stood.items() if not self._observer.is_seen(item, at)]
+        gone = [item for item in unseen if self._empty_spots(item) == len(self._spots[item])]
+        self._hidden = {item: self._stood[item] for item in unseen if item not in gone}
+        gone += self._missing_equals(unseen)
         now = self._whereabouts() if gone else {}
         still = [item for item in gone if now.get(item) == self._stood[item]]
         moved = {item: self._place_of(item) for item in still}
         self._stood = {}
         return moved
 
+    def _empty_spots(self, item: str) -> int:
+        place = self._stood[item]
+        return sum(self._observer.is_empty(spot, place) for spot in self._spots[item])
+
     def _missing_equals(self, gone: Sequence[str]) -> list[str]:
-        """Return so many of equal things as are no longer seen: which of them, nobody can tell."""
+        """Return so many of equal things as are no longer seen: which of them, nobody can tell.
+
+        At most so many as have left an empty spot.
+        """
         groups: dict[tuple[str, str], list[str]] = {}
         for item, place in self._stood.items():
             if item not in gone:
@@ -112,7 +138,11 @@ class Bystanders:
         for (place, product), items in groups.items():
             if (place, product) in self._counted:
                 seen = self._observer.count_seen(items[0], place)
-                free = max(seen - self._is_there_too(place, product), 0)
+                there_too = self._is_there_too(place, product)
+                was_there = self.known.get(self._but) == place
+                is_taken = was_there and self._observer.product(self._but) == product
+                empty = self._empty_spots(items[0]) - (is_taken and not there_too)
+                free = max(seen - there_too, len(items) - max(empty, 0), 0)
                 missing += sorted(items)[free:]
         return missing
 

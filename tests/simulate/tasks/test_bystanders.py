@@ -83,7 +83,8 @@ class Eyes:
     """Eyes that tell products apart, not things: each area has so many of a product."""
 
     def __init__(self, where: dict[str, list[str]]) -> None:
-        self.where, self.held = where, ""
+        self.where, self.held, self.hidden = where, "", 0
+        self.is_replaced = False
 
     def product(self, item: str) -> str:
         return item.rstrip("0123456789")
@@ -96,6 +97,14 @@ class Eyes:
 
     def is_seen(self, item: str, place: str) -> bool:
         return self.count_seen(item, place) > 0
+
+    def spots(self, item: str, place: str) -> list[int]:
+        return list(range(self.count_seen(item, place)))
+
+    def is_empty(self, spot: int, place: str) -> bool:
+        """The first are those that stand there still, the last those that an arm hides."""
+        there = 0 if self.is_replaced else len(self.where.get(place, []))
+        return there <= spot < 3 - self.hidden
 
     def place_seen(self, item: str) -> str | None:
         return next((place for place in self.where if self.is_seen(item, place)), None)
@@ -135,6 +144,25 @@ def test_of_equal_things_so_many_are_missed_as_are_no_longer_seen(after, is_held
     assert bystanders.displaced() == moved
 
 
+def test_what_an_arm_hides_is_not_gone_and_is_looked_for_after_the_next_motion():
+    eyes = Eyes({"here": ["can", "box"]})
+    bystanders = Bystanders(eyes, KnownPlaces(can1="here", box1="here"), ["here"])
+    bystanders.note("can1")
+    eyes.where, eyes.held, eyes.hidden = {"here": []}, "can1", 3
+    assert bystanders.displaced() == {}, "behind the can in the hand"
+    bystanders.note("can1", "there")
+    eyes.held, eyes.hidden = "", 0
+    assert bystanders.displaced() == {"box1": None}
+
+
+def test_of_equal_things_no_more_are_missed_than_have_left_an_empty_spot():
+    eyes = Eyes({"here": ["can"] * 3, "there": []})
+    bystanders = Bystanders(eyes, KnownPlaces(can1="here", can2="here", can3="here"), ["here"])
+    bystanders.note("can1")
+    eyes.where, eyes.held, eyes.hidden = {"here": ["can"]}, "can1", 1
+    assert bystanders.displaced() == {}
+
+
 def test_equal_things_that_were_not_all_seen_before_are_not_missed():
     eyes = Eyes({"here": ["can"] * 2})
     bystanders = Bystanders(eyes, KnownPlaces(can1="here", can2="here", can3="here"), ["here"])
@@ -147,7 +175,7 @@ def test_a_thing_put_beside_its_equal_does_not_stand_for_it():
     eyes = Eyes({"here": ["can"], "there": []})
     bystanders = Bystanders(eyes, KnownPlaces(can1="hand", can2="here"), ["here", "there"])
     bystanders.note("can1", "here")
-    eyes.where = {"here": ["can"]}
+    eyes.where, eyes.is_replaced = {"here": ["can"]}, True
     assert bystanders.displaced() == {"can2": None}, "it pushed its equal away, and stands there"
 
 
