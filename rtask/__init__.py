@@ -11,6 +11,7 @@ Importing this package loads nothing heavy; what is not used is not imported.
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from rtask import errors, shadowing
@@ -26,6 +27,14 @@ if TYPE_CHECKING:
 __all__ = ["KnowledgeBase", "Rule", "__version__", "connect", "errors", "open"]
 
 shadowing.check_packages()
+
+# Gymnasium looks for no plugins since 1.0, so whoever has imported it is told our environments by
+# name here; a program without it loads nothing more.
+if "gymnasium" in sys.modules:
+    from grasp.learning import registration
+
+    registration.register()
+    del registration
 
 __version__: str  # read on first use: the processes that answer queries import this file, too
 

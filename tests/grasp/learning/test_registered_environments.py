@@ -182,3 +182,14 @@ def test_simulated_objects_must_be_some() -> None:
         gymnasium.make("rtask/SimulatedGrasps-v0", objects=0)
     with pytest.raises(ValueError, match="expected 'good', 'poor'"):
         gymnasium.make("rtask/SimulatedGrasps-v0", quality="best")
+
+
+def test_gymnasium_knows_them_by_the_import_of_the_package_alone() -> None:
+    text = (
+        "import gymnasium\nimport rtask\nimport sys\n"
+        "assert 'grasp.learning.environments' not in sys.modules\n"
+        "world = gymnasium.make('rtask/Grasp-v0')\n"
+        "world.reset(seed=0)\n"
+        "assert len(world.step(world.action_space.sample())) == 5\n"
+    )
+    subprocess.run([sys.executable, "-W", "error", "-c", text], check=True, timeout=120)

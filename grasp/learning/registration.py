@@ -1,0 +1,25 @@
+"""Names of our environments in gymnasium, which looks for no plugins since 1.0."""
+
+from __future__ import annotations
+
+__all__ = ["ENVIRONMENTS", "register"]
+
+_WORLDS = "grasp.learning.environments"
+ENVIRONMENTS: dict[str, tuple[str, int | None]] = {
+    "rtask/MountainCar-v0": (f"{_WORLDS}.mountain_car:MountainCar", 1000),
+    "rtask/Taxi-v0": (f"{_WORLDS}.taxi:Taxi", 1000),
+    "rtask/TwoRooms-v0": (f"{_WORLDS}.two_rooms:TwoRooms", 1000),
+    # These two cut their episodes off themselves.
+    "rtask/Grasp-v0": (f"{_WORLDS}.simulated_grasps:grasp_environment", None),
+    "rtask/SimulatedGrasps-v0": (f"{_WORLDS}.simulated_grasps:SimulatedGrasps", None),
+}
+"""Where each is made, and after how many steps an episode is cut off."""
+
+
+def register() -> None:
+    """Tell gymnasium the names of those that it does not know yet; imports none of them."""
+    import gymnasium
+
+    for name, (made_by, most) in ENVIRONMENTS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(name, made_by, max_episode_steps=most)
