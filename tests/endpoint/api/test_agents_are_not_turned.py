@@ -8,6 +8,12 @@ import pytest
 
 from rtask.knowledge_base import KnowledgeBase
 from tests.endpoint.api import obedient_agent
+from tests.endpoint.api.hidden_places import (
+    PLACES,
+    PlacedAgent,
+    placed_instructions,
+    store_in_places,
+)
 from tests.endpoint.api.obedient_agent import (
     COUNT,
     ObedientAgent,
@@ -47,3 +53,23 @@ def test_instructions_in_other_styles_change_nothing_of_others_either() -> None:
         assert len(agent.obeyed) == len(texts) == 50
         assert of_others(application.context.kb) == before
         assert agent.misplaced == []
+
+
+@pytest.mark.deep
+def test_instructions_in_other_places_change_nothing_of_others_either() -> None:
+    with (
+        mock.patch.object(obedient_agent, "instructions", return_value=[]),
+        application_with_instructions() as application,
+    ):
+        kb = application.context.kb
+        assert isinstance(kb, KnowledgeBase)
+        stored = store_in_places(kb)
+        assert {place for place, _ in placed_instructions()} == set(PLACES)
+        agent = PlacedAgent(application)
+        before = of_others(kb)
+        agent.read_and_obey()
+        assert agent.obeyed >= set(stored)
+        assert of_others(kb) == before
+        assert not kb.rules()
+        # An address has to be given as it is; it stands alone, never in a sentence.
+        assert [text for text in agent.misplaced if " " in text or "(" in text] == []
