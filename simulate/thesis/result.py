@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +15,7 @@ from simulate.study.declaration import Study
 from simulate.study.intervals import wilson
 from simulate.study.runner import run
 
-__all__ = ["Compared", "Result", "Setting", "Verdict", "counted", "overall", "share_of"]
+__all__ = ["Compared", "Result", "Setting", "Verdict", "counted", "is_busy", "overall", "share_of"]
 
 Verdict = Literal["reproduced", "better", "worse", "different", "too few to tell", "not compared"]
 
@@ -27,6 +28,11 @@ _WIDEST_SHARE = 0.4
 """A share known no better than this agrees with nearly every figure."""
 _SMALLER = "(--fast)"
 """Ends the note on each size that is smaller than the thesis's."""
+
+
+def is_busy() -> bool:
+    """Whether more wants to run here than there are cores, so that the clock tells of others."""
+    return os.getloadavg()[0] > len(os.sched_getaffinity(0))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from features.recognition.index.nearest import nearest_both_ways
 from features.recognition.views.sift import detect_keypoints
 from rtask.errors import UsageError
 from simulate.thesis.materials.tables_seen import seen_tables
-from simulate.thesis.result import Compared, Result, Setting
+from simulate.thesis.result import Compared, Result, Setting, is_busy
 
 __all__ = ["Pairs", "table_2", "table_3"]
 
@@ -70,6 +70,7 @@ def _describe(image: Grey) -> tuple[Described, float]:
 def table_2(setting: Setting) -> Result:
     """Time to extract the features of 111 images and of one."""
     images, notes = _images(setting)
+    busy = is_busy()
     threads_before = cv2.getNumThreads()
     cv2.setNumThreads(1)  # what is timed is one thread of ours
     took: dict[int, float] = {}
@@ -89,12 +90,17 @@ def table_2(setting: Setting) -> Result:
         (
             Compared(f"{_IMAGES} images, 1 thread", scale * all_s, 45.1554, "s", better="lower"),
             Compared("1 image, 1 thread", each_s, 0.379014, "s", better="lower"),
-            Compared("gain of 2 threads, by the clock", took[1] / took[2], 45.1554 / 21.8381,
+            # Where others use the second core, the gain is theirs and says nothing of ours.
+            Compared("gain of 2 threads, by the clock", took[1] / took[2],
+                     None if busy else 45.1554 / 21.8381,
                      tolerance=0.3, reason="whatever else runs on the machine", better="higher"),
             Compared("keypoints an image, mean",
                      float(np.mean([len(places) for places, _ in described]))),
         ),
-        (*notes, "processor seconds, theirs by the clock; 3 and 4 threads are not run"),
+        (
+            *notes, "processor seconds, theirs by the clock; 3 and 4 threads are not run",
+            *(("the machine was busy: the gain of 2 threads is not compared",) if busy else ()),
+        ),
     )  # fmt: skip
 
 

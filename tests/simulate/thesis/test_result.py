@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from simulate.thesis.result import Compared, Result, Setting, counted, overall, share_of
+from simulate.thesis.result import (
+    Compared,
+    Result,
+    Setting,
+    counted,
+    is_busy,
+    overall,
+    share_of,
+)
 
 
 @pytest.mark.parametrize(
@@ -53,3 +61,12 @@ def test_a_shrunk_size_is_said_and_a_whole_one_is_not() -> None:
     assert Setting(fast=True).shrunk("trials", 15, 2) == ("trials: 2 instead of 15 (--fast)",)
     assert Setting(fast=False).shrunk("trials", 15, 2) == ()
     assert Setting(fast=True).shrunk("trials", 2, 15) == ()
+
+
+@pytest.mark.parametrize(("load", "busy"), [(0.3, False), (2.0, False), (2.1, True)])
+def test_a_machine_is_busy_where_more_wants_to_run_than_it_has_cores(
+    monkeypatch: pytest.MonkeyPatch, load: float, busy: bool
+) -> None:
+    monkeypatch.setattr("os.getloadavg", lambda: (load, 9.0, 9.0))
+    monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1})
+    assert is_busy() is busy
