@@ -10,8 +10,9 @@ __all__ = ["ENTRIES", "entries_named"]
 
 ENTRIES: tuple[Entry, ...] = (
     *gatto.ENTRIES,
+    *(entry for entry in capabilities.ENTRIES if entry.thesis == "gatto"),
     *kehoe.ENTRIES,
-    *capabilities.ENTRIES,
+    *(entry for entry in capabilities.ENTRIES if entry.thesis == "kehoe"),
     *beyond.ENTRIES,
 )
 
