@@ -9,9 +9,9 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
-from rtask.errors import RemoteError, RtaskError, UnsupportedError
+from rtask.errors import RemoteError, RtaskError, UnsupportedError, UsageError
 from rtask.kb.branches.branching import Branching
 from rtask.kb.commit import validation
 from rtask.kb.commit.validation import ValidationReport
@@ -96,6 +96,12 @@ class GraphCore(Reading, Watching, Reasoning, Retraction, Reverting, Proposing, 
         require_select(text)
         options["timeout_s"] = timeout_s
         return self.live_queries.add(text, partial(self.select, text, **options), on_ready)
+
+    def __reduce__(self) -> NoReturn:
+        raise UsageError(
+            "an open knowledge base is neither pickled nor copied: it holds files and locks; pass "
+            f"on where it is ({self.folder or ':memory:'}), and open that in the other process"
+        )
 
     def stats(self) -> dict[str, Any]:
         """Return counts: distinct triples, asserted and inferred statements, graphs, commits."""

@@ -130,6 +130,12 @@ class Session:
 
     # Life
 
+    def __reduce__(self) -> NoReturn:
+        raise UsageError(
+            "a session is neither pickled nor copied; open the knowledge base in the other process "
+            "and begin one there"
+        )
+
     def __enter__(self) -> Session:
         return self
 

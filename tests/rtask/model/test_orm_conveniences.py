@@ -305,6 +305,15 @@ def test_names_of_another_object_layer_say_what_to_use(
             THING.name.like("m%")
 
 
+def test_an_open_graph_and_its_sessions_say_why_they_are_not_pickled(
+    still_lab: KnowledgeBase,
+) -> None:
+    with still_lab.session() as session:
+        for whole in (still_lab, session, session.query(RTASK.Mug)):
+            with pytest.raises(UsageError, match=r"open .* in the other process"):
+                pickle.dumps(whole)
+
+
 def test_an_object_says_why_it_is_not_pickled(still_lab: KnowledgeBase) -> None:
     with still_lab.session() as s:
         mug = s.query(RTASK.Mug).one()
