@@ -93,12 +93,26 @@ def frame_of_images(
                 "32FC1 (m)"
             )
         lens = lens_from_message(info, is_rectified)
-        for doubt in (doubtful_bytes(depth), doubtful_camera(lens.intrinsics)):
+        doubts = (
+            doubtful_bytes(depth), doubtful_camera(lens.intrinsics), _of_another_camera(depth, info)
+        )  # fmt: skip
+        for doubt in doubts:
             _warn_once(str(where), doubt)
         photo = read_photo(image_bytes(colour))
         return view_of_images(pixels, lens, photo.rgb)
     except (ValueError, KeyError) as error:
         raise DataError(f"depth and colour in {where}: {error}") from error
+
+
+def _of_another_camera(depth: Mapping[str, Any], info: Mapping[str, Any]) -> str:
+    """Return why a CameraInfo may not describe a depth image: they are in different frames."""
+    frames = [
+        str(header.get("frame_id", "")).lstrip("/") if isinstance(header, Mapping) else ""
+        for header in (depth.get("header"), info.get("header"))
+    ]
+    if not all(frames) or frames[0] == frames[1]:
+        return ""
+    return f"its depth is described by a CameraInfo in the frame {frames[1]}: is it its own?"
 
 
 @lru_cache(128)

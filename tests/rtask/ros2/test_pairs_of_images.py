@@ -90,3 +90,23 @@ def test_depth_that_was_laid_over_colour_is_told_by_its_name_as_in_recordings(na
 )  # fmt: skip
 def test_nodes_and_recordings_tell_rectified_images_by_one_rule(topic: str, answer: bool):
     assert (is_rectified(topic), is_rectified_topic(topic)) == (answer, answer)
+
+
+@pytest.mark.parametrize(
+    ("of_info", "k", "says"),
+    [
+        ({"frame_id": "eye"}, [60.0, 0, 31.5, 0, 60, 23.5, 0, 0, 1], ""),
+        ({"frame_id": "wrist"}, [60.0, 0, 31.5, 0, 60, 23.5, 0, 0, 1], "in the frame wrist"),
+        ({"frame_id": "eye"}, [120.0, 0, 63, 0, 120, 47, 0, 0, 1], "K or P of another size"),
+    ],
+)
+def test_depth_that_another_camera_describes_is_doubted(caplog, of_info, k, says):
+    from rtask.interop.ros.clouds import _warn_once, frame_of_images
+
+    _warn_once.cache_clear()
+    header, size = {"frame_id": "eye"}, {"height": 48, "width": 64}
+    depth = {"header": header, **size, "encoding": "16UC1", "data": b"\xbc\x02" * (48 * 64)}
+    colour = {"header": header, **size, "encoding": "rgb8", "step": 192, "data": bytes(48 * 192)}
+    for _ in range(2):
+        frame_of_images(depth, colour, {"header": of_info, **size, "k": k, "d": []})
+    assert [says in record.getMessage() for record in caplog.records] == [True] * bool(says)
