@@ -93,7 +93,7 @@ def _command_for(origin: Mapping[str, Any] | None, bracket: str) -> str:
     --------
     >>> _command_for(None, "[simulate]")
     "pip install 'rtask-kg[simulate]'"
-    >>> _command_for({"url": "file:///home/ann/rtask", "dir_info": {}}, "[simulate]")
+    >>> _command_for({"url": "file:///src/rtask", "dir_info": {}}, "[simulate]")
     "in the checkout, pip install '.[simulate]'"
     >>> wheel = {"url": "file:///tmp/rtask_kg-0.1.0-py3-none-any.whl", "archive_info": {}}
     >>> _command_for(wheel, "[simulate]")
