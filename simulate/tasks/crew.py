@@ -112,6 +112,8 @@ class Crew:
         goes_on = False
         plans = self.planner.call("list_plans", state="all")["plans"]
         for plan in plans:
+            if plan["task"] in self._rearranging.helped:
+                continue  # else it would be told as a goal that was reached
             if plan["task"] in self._rearranging.helping:
                 self._end_help(plan, stuck)
             elif plan["state"] == "done":
@@ -146,7 +148,9 @@ class Crew:
         self._rearranging = Rearranging(self.planner, store)
 
     def _end_help(self, plan: Mapping[str, Any], stuck: set[str]) -> None:
-        """End a plan that was only to move a thing for another one, and did not."""
+        """End a plan that was only to move a thing for another one, and did not; or count it."""
+        if plan["state"] == "done":
+            self._rearranging.note_helped(plan["task"])
         if plan["state"] in ("failed", "declined", "late") or plan["task"] in stuck:
             self._cancel(plan, "the thing could not be moved")
 

@@ -2,7 +2,8 @@
 
 Where a hand gets to, the graph knows by places. Within a place it depends on how the thing stands
 there, which only the robot's planning tells. What it found no way to twice, with nothing taken away
-there in between, another robot moves; its next place for the thing is a new one.
+there in between, another robot moves; its next place for the thing is a new one. Where nobody else
+can move it, or there is no room to put it down, what stands beside it is taken elsewhere.
 """
 
 from __future__ import annotations
@@ -27,6 +28,10 @@ _MAX_MOVES = 3
 """How often a thing is moved for that."""
 
 
+_Failure = tuple[str, str, str, bool]
+"""Robot, thing, place, and whether there was no room for it there, or else no way to it."""
+
+
 @dataclass
 class Rearranging:
     """What robots found no way to, and the plans that move it.
@@ -41,13 +46,17 @@ class Rearranging:
 
     planner: Graph
     store: Callable[..., Any]
-    helping: set[str] = field(default_factory=set)
-    """IRIs of the plans that only move a thing for another plan."""
-    _failures: Counter[tuple[str, str, str]] = field(default_factory=Counter)
-    """By robot, thing and place, since anything was done."""
-    _blocked: Counter[tuple[str, str, str]] = field(default_factory=Counter)
+    helping: dict[str, str] = field(default_factory=dict)
+    """IRI of the thing for which each plan is that only moves something, by the IRI of the plan."""
+    helped: set[str] = field(default_factory=set)
+    """IRIs of those that were carried out."""
+    _failures: Counter[_Failure] = field(default_factory=Counter)
+    """Since anything was done."""
+    _blocked: Counter[_Failure] = field(default_factory=Counter)
     """The same since something was taken away from the place, or the thing itself was handled."""
     _moves: Counter[str] = field(default_factory=Counter)
+    """Plans stored for a thing, which bound what is tried, and those of them carried out."""
+    _times_helped: Counter[str] = field(default_factory=Counter)
     _counted: set[str] = field(default_factory=set)
 
     def note_done(self, task: str) -> None:
@@ -68,7 +77,9 @@ class Rearranging:
         if item and place and self._is_at(item, place):
             place = ""
         for failure in list(self._blocked):
-            if item == failure[1] or place == failure[2]:
+            # What there is no room for is picked up each time before that shows.
+            was_handled = item == failure[1] and not failure[3]
+            if was_handled or place == failure[2]:
                 del self._blocked[failure]
 
     def move(self, plan: Mapping[str, Any]) -> bool:
@@ -77,16 +88,33 @@ class Rearranging:
         if failure is None or step["task"] in self._counted:
             return False
         self._counted.add(step["task"])
-        robot, item, place = failure
+        robot, item, place, is_full = failure
         self._failures[failure] += 1
         self._blocked[failure] += 1
         if self._blocked[failure] < _BEFORE_HELP or self._moves[item] >= _MAX_MOVES:
             return False
-        for elsewhere in self._places(robot, item, place):
-            goal = f"<{item}> rt:locatedOn <{elsewhere}>"
+        if not is_full and self._store_move(plan, item, item, place, robot):
+            return True
+        beside = (other for other in self._things_at(place) if other != item)
+        return any(self._store_move(plan, item, other, place) for other in beside)
+
+    def _store_move(
+        self, plan: Mapping[str, Any], item: str, moved: str, place: str, but: str = ""
+    ) -> bool:
+        """Store a plan that takes something away from a place; return whether there is one.
+
+        Parameters
+        ----------
+        item, moved
+            IRIs of the thing for which it is moved, and of what is moved.
+        but
+            IRI of a robot that is not to do it.
+        """
+        for elsewhere in self._places(but or _NOBODY, moved, place):
+            goal = f"<{moved}> rt:locatedOn <{elsewhere}>"
             try:
                 answer = self.planner.call("plan_goal", goal=goal)
-                if not answer["complete"] or not answer["steps"] or _is_by(answer, robot):
+                if not answer["complete"] or not answer["steps"] or _is_by(answer, but):
                     continue
                 stored = self.store(
                     goal=goal, digest=answer["digest"], priority=min(plan["priority"] + 1, 100)
@@ -96,9 +124,17 @@ class Rearranging:
                     raise
                 continue
             self._moves[item] += 1
-            self.helping.add(stored["task"])
+            self.helping[stored["task"]] = item
             return True
         return False
+
+    def note_helped(self, plan: str) -> None:
+        """Note that a plan that only moves something was carried out."""
+        self._times_helped[self.helping.pop(plan)] += 1
+        self.helped.add(plan)
+
+    def _things_at(self, place: str) -> list[str]:
+        return [str(row["thing"]) for row in self.planner.query(_THINGS_AT % place)]
 
     def hopeless(self, plan: Mapping[str, Any]) -> str:
         """Return why there is no use in planning again; empty if there may be."""
@@ -107,19 +143,20 @@ class Rearranging:
         if count < _BEFORE_END:
             return ""
         step = _failed(plan)
-        moved = self._moves[failure[1]] if failure is not None else 0
-        helped = f"it was moved {moved} times for that" if moved else "no other robot can move it"
+        moved = self._times_helped[failure[1]] if failure is not None else 0
+        helped = f"things were moved {moved} times for that" if moved else "nobody could help"
         return f"{step['text']}: no way was found {count} times ({step['comment']}), and {helped}"
 
-    def _failure(self, plan: Mapping[str, Any]) -> tuple[str, str, str] | None:
-        """Return robot, thing and place of a step that failed for want of a way; None for none."""
+    def _failure(self, plan: Mapping[str, Any]) -> _Failure | None:
+        """Return what a step failed at for want of a way or of room; None for other reasons."""
         step = _failed(plan)
-        if not step or phase_of(step["comment"]) != "plan":
+        if not step or not _is_no_way(step["comment"]):
             return None
         values = self._values(step["task"])
         if "thing" not in values or "place" not in values:
             return None
-        return step["claimed_by"], values["thing"], values["place"]
+        is_full = step["comment"] == _NO_ROOM
+        return step["claimed_by"], values["thing"], values["place"], is_full
 
     def _values(self, task: str) -> dict[str, str]:
         """Return the IRIs that a step is about, by parameter of its action."""
@@ -142,6 +179,15 @@ class Rearranging:
         return sorted({str(row["at"]) for row in rows}, key=lambda at: (things[at], at))
 
 
+_NO_ROOM = "place_plan"
+_NOBODY = "urn:nobody"
+
+
+def _is_no_way(reason: str) -> bool:
+    """Tell whether a robot found no grasp, no way to one, or none to put a thing down."""
+    return phase_of(reason) == "plan" or reason in ("no_grasp", _NO_ROOM)
+
+
 def _failed(plan: Mapping[str, Any]) -> Mapping[str, Any]:
     return next((step for step in plan["steps"] if step["state"] == "failed"), {})
 
@@ -152,6 +198,8 @@ def _is_by(plan: Mapping[str, Any], robot: str) -> bool:
 
 _VALUES = f"""{PREFIXES}
 SELECT ?values WHERE {{ <%s> rt:parameterValues ?values }} LIMIT 1"""
+_THINGS_AT = f"""{PREFIXES}
+SELECT DISTINCT ?thing WHERE {{ ?thing a rt:Exemplar ; rt:locatedOn <%s> }} ORDER BY ?thing"""
 _IS_AT = f"""{PREFIXES}
 SELECT ?at WHERE {{ VALUES (?item ?at) {{ (<%s> <%s>) }} ?item rt:locatedOn ?at }} LIMIT 1"""
 _ELSEWHERE = """{prefixes}
