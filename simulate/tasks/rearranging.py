@@ -57,6 +57,8 @@ class Rearranging:
     _moves: Counter[str] = field(default_factory=Counter)
     """Plans stored for a thing, which bound what is tried, and those of them carried out."""
     _times_helped: Counter[str] = field(default_factory=Counter)
+    _unmoved: set[str] = field(default_factory=set)
+    """Things that another robot could not move either."""
     _counted: set[str] = field(default_factory=set)
 
     def note_done(self, task: str) -> None:
@@ -93,7 +95,8 @@ class Rearranging:
         self._blocked[failure] += 1
         if self._blocked[failure] < _BEFORE_HELP or self._moves[item] >= _MAX_MOVES:
             return False
-        if not is_full and self._store_move(plan, item, item, place, robot):
+        is_stuck = is_full or item in self._unmoved
+        if not is_stuck and self._store_move(plan, item, item, place, robot):
             return True
         beside = (other for other in self._things_at(place) if other != item)
         return any(self._store_move(plan, item, other, place) for other in beside)
@@ -132,6 +135,10 @@ class Rearranging:
         """Note that a plan that only moves something was carried out."""
         self._times_helped[self.helping.pop(plan)] += 1
         self.helped.add(plan)
+
+    def note_unhelped(self, plan: str) -> None:
+        """Note that a plan that only moves something failed: what is beside that is next to go."""
+        self._unmoved.add(self.helping.pop(plan))
 
     def _things_at(self, place: str) -> list[str]:
         return [str(row["thing"]) for row in self.planner.query(_THINGS_AT % place)]
