@@ -108,8 +108,8 @@ class Body:
 
 def motion_records(
     context: Context, thing: str | None, is_held: bool, most: int
-) -> list[MotionRecord]:
-    """Return the recordings of judged attempts, the latest first.
+) -> tuple[list[MotionRecord], int]:
+    """Return the recordings of judged attempts, the latest first, and how many there are.
 
     Parameters
     ----------
@@ -121,9 +121,7 @@ def motion_records(
         Largest number.
     """
     about = "" if thing is None else f"VALUES ?object {{ {iri(thing)} }}"
-    rows = context.kb.select(f"""{PREFIXES}
-SELECT DISTINCT ?attempt ?robot ?robot_name ?hand ?hand_name ?gripper_type ?model ?object ?grasp
-  ?held ?ended ?blob WHERE {{
+    pattern = f"""
   {about}
   ?motion a rt:JointTrajectory ; prov:wasGeneratedBy ?attempt ; rt:hasBlob ?blob .
   {JUDGED}
@@ -132,8 +130,19 @@ SELECT DISTINCT ?attempt ?robot ?robot_name ?hand ?hand_name ?gripper_type ?mode
   ?hand rt:name ?hand_name ; rt:gripperType ?gripper_type
   OPTIONAL {{ ?motion rt:ofRobotModel/rt:modelName ?model }}
   {"FILTER(?held)" if is_held else ""}
-}} ORDER BY DESC(?ended) ?attempt LIMIT {most}""")
-    return [_record(row.to_dict()) for row in rows]
+"""
+    columns = (
+        "?attempt ?robot ?robot_name ?hand ?hand_name ?gripper_type ?model ?object ?grasp ?held "
+        "?ended ?blob"
+    )
+    each = f"SELECT DISTINCT {columns} WHERE {{{pattern}}}"
+    rows = context.kb.select(f"{PREFIXES}\n{each} ORDER BY DESC(?ended) ?attempt LIMIT {most + 1}")
+    records = [_record(row.to_dict()) for row in rows[:most]]
+    if len(rows) <= most:
+        return records, len(records)
+    # What was not looked at may be just what the caller can follow.
+    counted = context.kb.select(f"{PREFIXES}\nSELECT (COUNT(*) AS ?n) WHERE {{ {{ {each} }} }}")
+    return records, int(str(counted[0].value("n")))
 
 
 def _record(row: Mapping[str, Any]) -> MotionRecord:

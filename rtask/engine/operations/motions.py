@@ -105,7 +105,7 @@ class RecalledMotions(Answer):
     rejected: list[RecordedMotion]
     """some that cannot be followed, with the reason; without positions"""
     motions_left_out: int
-    """how many more were recorded, of at most 500 that were looked at; max_motions asks for them"""
+    """how many more are recorded; max_motions asks for more of the latest 500, object for older"""
 
 
 @operation("read", "reads", "list movements that robots recorded, as far as one can follow them")
@@ -117,7 +117,7 @@ def recall_motions(context: Context, request: RecallMotions, access: Access) -> 
     hand = context.grippers.find(request.gripper_id, access)
     body = Body.of(context, hand, _parts(request.joints))
     thing = None if request.object is None else resolve_object(context, request.object)
-    records = motion_records(context, thing, request.held, _LATEST)
+    records, known = motion_records(context, thing, request.held, _LATEST)
     records.sort(key=lambda record: bool(body.difference(record)))
     offered: list[RecordedMotion] = []
     rejected: list[RecordedMotion] = []
@@ -131,9 +131,7 @@ def recall_motions(context: Context, request: RecallMotions, access: Access) -> 
             offered.append(answer)
         elif len(rejected) < request.max_motions:
             rejected.append(answer)
-    return RecalledMotions(
-        motions=offered, rejected=rejected, motions_left_out=len(records) - judged
-    )
+    return RecalledMotions(motions=offered, rejected=rejected, motions_left_out=known - judged)
 
 
 def _parts(joints: Sequence[FollowingJoint]) -> list[JointPart]:

@@ -160,3 +160,10 @@ def test_what_a_withdrawn_robot_recorded_is_not_offered(second, engine):
     engine.call("withdraw_contributor", {"contributor": "nao-1", "operator": "ann"})
     motions, _, _ = recalled(second)
     assert not motions
+
+
+def test_that_none_of_the_latest_fits_is_not_that_none_does(second, monkeypatch):
+    monkeypatch.setattr("rtask.engine.operations.motions._LATEST", 1)
+    offered, rejected, more = recalled(second, object="tea box", held=False)
+    assert len(offered) + len(rejected) == 1
+    assert more == 2
