@@ -21,6 +21,9 @@ __all__ = ["Transform", "TransformBuffer"]
 _WAIT_S = 0.5
 _BUFFER_NS = 10 * 10**9
 _MAX_DEPTH = 100
+_LONG_GAP_NS = 5 * 10**8
+_MOVED_M, _TURNED_RAD = 0.005, 0.01
+"""What moves less between two of its transforms may be taken to lie on the way between them."""
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
@@ -103,6 +106,23 @@ class _Edge:
         share = (stamp_ns - before) / (self.times[after] - before)
         return _between(self.poses[after - 1], self.poses[after], share)
 
+    def doubt(self, stamp_ns: int) -> str:
+        """Return why a pose between its neighbours is a guess; empty if it is none."""
+        after = bisect.bisect_left(self.times, stamp_ns)
+        if not 0 < after < len(self.times) or self.times[after] == stamp_ns:
+            return ""
+        gap_ns = self.times[after] - self.times[after - 1]
+        before, then = self.poses[after - 1], self.poses[after]
+        moved_m = math.dist(before.move, then.move)
+        cosine = abs(sum(p * q for p, q in zip(before.turn, then.turn, strict=True)))
+        turned_rad = 2 * math.acos(min(cosine, 1.0))
+        if gap_ns <= _LONG_GAP_NS or (moved_m < _MOVED_M and turned_rad < _TURNED_RAD):
+            return ""
+        return (
+            f"its transforms are {gap_ns / 1e9:.1f} s apart then, {moved_m:.2f} m and "
+            f"{math.degrees(turned_rad):.0f} degrees: taken for an even way between them"
+        )
+
 
 class TransformBuffer:
     """Transforms of the last ten seconds, and the static ones."""
@@ -170,6 +190,21 @@ class TransformBuffer:
         """Return target_from_source at a time, or in words why it is not known."""
         with self._changed:
             return self._find(target.lstrip("/"), source.lstrip("/"), stamp_ns)
+
+    def doubt(self, target: str, source: str, stamp_ns: int) -> str:
+        """Return why target_from_source at a time is a guess; empty if it is none.
+
+        tf2 goes straight between two transforms however long ago the first one was, and a robot
+        that moved and stood in between was elsewhere.
+        """
+        with self._changed:
+            for end in (target.lstrip("/"), source.lstrip("/")):
+                for frame, _ in self._named_steps(end, stamp_ns):
+                    edge = None if frame in self._static else self._moving.get(frame)
+                    words = edge.doubt(stamp_ns) if edge is not None else ""
+                    if words:
+                        return f"{frame}: {words}"
+        return ""
 
     def _find(self, target: str, source: str, stamp_ns: int) -> Transform | str:
         ways: dict[str, dict[str, Transform]] = {}

@@ -82,6 +82,9 @@ def posed_view(
     for base in (view.frame,) if view.frame else _BASES:
         pose = transforms.find(base, frame.frame_id, stamp_ns)
         if not isinstance(pose, str):
+            doubt = transforms.doubt(base, frame.frame_id, stamp_ns)
+            if doubt:
+                click.echo(f"{file}: {doubt}", err=True)
             matrix = np.asarray(matrix_from_pose(np.array(pose.move), np.array(pose.turn)))
             body = _body(file, frame, base, matrix, transforms, stamp_ns)
             return Posed(frame, base, matrix, body)

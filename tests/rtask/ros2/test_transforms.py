@@ -95,3 +95,21 @@ def test_a_ring_of_frames_ends():
     buffer.take(stamped("b", "a", 1.0))
     with pytest.raises(UsageError, match="no transform from b to c"):
         matrix(buffer, "c", "b", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "move", "says"),
+    [
+        (4.0, (0.2, 0.0, 0.0), "camera: its transforms are 3.0 s apart then, 0.20 m"),
+        (1.2, (0.2, 0.0, 0.0), ""),  # ten a second or so: nothing happens in between
+        (4.0, (0.001, 0.0, 0.0), ""),  # it stood still
+    ],
+)
+def test_a_place_between_two_distant_transforms_is_doubted_if_it_moved(seconds, move, says):
+    buffer = TransformBuffer()
+    buffer.take(stamped("base", "camera", 1.0))
+    buffer.take(stamped("base", "camera", seconds, move))
+    said = buffer.doubt("base", "camera", 1_100_000_000)
+    assert said.startswith(says)
+    assert bool(said) is bool(says)
+    assert not buffer.doubt("base", "camera", 1_000_000_000)
