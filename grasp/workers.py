@@ -1,7 +1,8 @@
 """Worker processes for many pieces of work; what a killed one was doing is done again.
 
 They are spawned, not forked, because physics, threads and stores do not survive a fork. A worker
-ends with its parent, however that ends.
+ends with its parent, however that ends. An executor of :mod:`concurrent.futures` does neither: one
+killed worker fails all of its work, and workers outlive a parent that was killed.
 """
 
 from __future__ import annotations
