@@ -55,6 +55,7 @@ class Outbox:
         self._lock = threading.Lock()
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._pending = {entry.id: entry for entry in _read(self.path)}
+        # Lines of what was answered long ago, and one that a crash cut off, go at each start.
         self._rewrite()
 
     def pending(self) -> list[Entry]:
@@ -77,6 +78,8 @@ class Outbox:
             if self._pending:
                 self._append({"done": entry.id})
             else:
+                # Empty is the usual state, so that the file stays short without being rewritten
+                # each time.
                 self._rewrite()
 
     def refuse(self, entry: Entry, reason: str) -> None:
@@ -84,6 +87,7 @@ class Outbox:
         aside = self.path.with_name(self.path.name + ".refused")
         line = {"operation": entry.operation, "args": entry.args, "reason": reason}
         with aside.open("a", encoding="utf-8") as file:
+            # Kept before it is forgotten: between the two it is there twice, and never not at all.
             file.write(json.dumps(line) + "\n")
         log.error("%s was refused: %s; kept in %s", entry.operation, reason, aside)
         self.done(entry)
@@ -103,6 +107,7 @@ class Outbox:
                 file.write(json.dumps(line) + "\n")
             file.flush()
             os.fsync(file.fileno())
+        # A rename is atomic: whoever reads meanwhile sees either file, and both are whole.
         fresh.replace(self.path)
         if os.name == "posix":
             folder = os.open(self.path.parent, os.O_RDONLY)

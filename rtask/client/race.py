@@ -15,7 +15,7 @@ from typing import Any, Generic, Literal, TypeVar
 
 from rtask.errors import DeadlineError, UsageError
 
-__all__ = ["Attempt", "Raced", "race"]
+__all__ = ["Contender", "Raced", "race"]
 
 T = TypeVar("T")
 Side = Literal["local", "remote"]
@@ -43,7 +43,7 @@ class Raced(Generic[T]):
     seconds: float
 
 
-class Attempt(Generic[T]):
+class Contender(Generic[T]):
     """One side of a race, as the function that answers sees it."""
 
     def __init__(self, changed: threading.Condition) -> None:
@@ -54,7 +54,7 @@ class Attempt(Generic[T]):
         self.error: Exception | None = None
 
     @property
-    def is_wanted(self) -> bool:
+    def may_count(self) -> bool:
         """Whether the answer may still count; a long function looks now and then."""
         return self._is_live
 
@@ -65,8 +65,8 @@ class Attempt(Generic[T]):
             self._changed.notify_all()
 
     @property
-    def best(self) -> list[T]:
-        """The last answer, in a list; empty while there is none."""
+    def answers(self) -> list[T]:
+        """The last answer alone; empty while there is none, since None may be an answer."""
         return self._answers
 
     @property
@@ -74,7 +74,7 @@ class Attempt(Generic[T]):
         """Whether the function has returned."""
         return self.is_over and self.error is None
 
-    def run(self, function: Callable[[Attempt[T]], T]) -> None:
+    def run(self, function: Callable[[Contender[T]], T]) -> None:
         """Carry out the function and note its end."""
         try:
             answer = [function(self)]
@@ -91,8 +91,8 @@ class Attempt(Generic[T]):
 
 
 def race(
-    local: Callable[[Attempt[T]], T],
-    remote: Callable[[Attempt[T]], T],
+    local: Callable[[Contender[T]], T],
+    remote: Callable[[Contender[T]], T],
     *,
     patience_s: float = 0.05,
     deadline_s: float = 1.0,
@@ -106,9 +106,9 @@ def race(
     Parameters
     ----------
     local, remote
-        Answer the question, each in a thread of its own; they get an :class:`Attempt`, to which
-        they may :meth:`~Attempt.offer` answers on the way. The one that loses is told by
-        :attr:`~Attempt.is_wanted` and otherwise goes on by itself, so a report that it carries is
+        Answer the question, each in a thread of its own; they get a :class:`Contender`, to which
+        they may :meth:`~Contender.offer` answers on the way. The one that loses is told by
+        :attr:`~Contender.may_count` and otherwise goes on by itself, so a report that it carries is
         not lost.
     patience_s
         How long a local answer waits for the remote one.
@@ -133,8 +133,8 @@ def race(
         raise UsageError(f"patience_s={patience_s} must be from 0 to deadline_s={deadline_s}")
     began = time.monotonic()
     changed = threading.Condition()
-    near: Attempt[T] = Attempt(changed)
-    far: Attempt[T] = Attempt(changed)
+    near: Contender[T] = Contender(changed)
+    far: Contender[T] = Contender(changed)
     for side, function, name in ((far, remote, "remote"), (near, local, "local")):
         threading.Thread(target=side.run, args=(function,), name=name, daemon=True).start()
 
@@ -149,6 +149,7 @@ def race(
         return changed.wait_for(is_settled, max(began + until_s - time.monotonic(), 0.0))
 
     with changed:
+        # The near side alone is not waited for beyond patience; the far side knows more.
         in_time = settled(patience_s, True) or settled(deadline_s, False)
         near.drop()
         far.drop()
@@ -156,18 +157,18 @@ def race(
         chosen = _chosen(near, far, better)
         if chosen is not None:
             won_by: Side = "remote" if chosen is far else "local"
-            return Raced(chosen.best[0], won_by, not chosen.is_answered, seconds)
+            return Raced(chosen.answers[0], won_by, not chosen.is_answered, seconds)
     if in_time and near.error is not None:
         raise near.error from far.error
     raise DeadlineError(f"no answer within {deadline_s:g} s", timeout_s=deadline_s)
 
 
 def _chosen(
-    near: Attempt[T], far: Attempt[T], better: Callable[[T], Any] | None
-) -> Attempt[T] | None:
+    near: Contender[T], far: Contender[T], better: Callable[[T], Any] | None
+) -> Contender[T] | None:
     """Return the side whose answer counts: a whole one before a partial one."""
     whole = [side for side in (far, near) if side.is_answered]
-    sides = whole or [side for side in (far, near) if side.best]
+    sides = whole or [side for side in (far, near) if side.answers]
     if len(sides) == 2 and better is not None:
-        return max(sides, key=lambda side: better(side.best[0]))
+        return max(sides, key=lambda side: better(side.answers[0]))
     return sides[0] if sides else None

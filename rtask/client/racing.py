@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from rtask.client.base import Client
 from rtask.client.following import FollowedChange
 from rtask.client.local import LocalClient
-from rtask.client.race import Attempt, Raced, race
+from rtask.client.race import Contender, Raced, race
 from rtask.client.remote import RemoteClient
 from rtask.errors import BusyError, CallFailedError, RtaskError, UnknownTermError, UsageError
 
@@ -129,14 +129,14 @@ class RacingClient(Client):
         return self._far.call_service(name, method, args, data, timeout_s, may_repeat)
 
     def _raced(self, ask: Callable[[Client], T], is_nothing: Callable[[T], bool]) -> T:
-        def near(attempt: Attempt[T]) -> T:
+        def near(contender: Contender[T]) -> T:
             answer = ask(self._near)
             if is_nothing(answer):
-                attempt.offer(answer)
+                contender.offer(answer)
                 raise UnknownTermError("the slice of the graph here holds nothing of it")
             return answer
 
-        def far(attempt: Attempt[T]) -> T:
+        def far(contender: Contender[T]) -> T:
             with self._connection() as client:
                 return ask(client)
 

@@ -144,6 +144,7 @@ class HeadGraph:
         RemoteUnavailableError
             The server does not answer; see :meth:`rtask.remote.store.RemoteStore.apply`.
         """
+        # One request is atomic; what is too large for one is staged first and moved by one.
         size = self._dialect.abilities.statements
         if len(writes.removed) + len(writes.added) <= size:
             self._send(partial(self._whole, old, new, writes, record), old, new)
@@ -213,6 +214,7 @@ class HeadGraph:
         try:
             self._send_claimed(text(), old, new, is_sure)
         except RemoteUnavailableError:
+            # Only that the claim lasts keeps another from committing on what may be stored yet.
             self._claim.keep()  # the server may still be storing it
             raise
         except BaseException:
@@ -244,6 +246,7 @@ class HeadGraph:
             except QuerySyntaxError as error:
                 # Some servers answer 400 to whatever goes wrong.
                 failure = CallFailedError(f"the server refused a commit: {error}", status=400)
+            # Others have not had the time to remove the claim, so that it was stored while it held.
             if failure is None and is_sure and self._claim.age_s < _SURE_S:
                 return
             try:
@@ -251,6 +254,7 @@ class HeadGraph:
             except (RemoteUnavailableError, QueryTimeout) as error:
                 failure = failure or error
             else:
+                # The token shows that this very commit is stored, though its answer was lost.
                 if token == new.token:
                     return
                 self._require(old, actual)

@@ -289,6 +289,7 @@ class ServiceHost:
                         (definition, self._pool(definition, self._mapped(definition, {}, Access())))
                     )
         until = time.monotonic() + timeout_s
+        # Some services load for a minute: one after the other would take as long as all together.
         with ThreadPoolExecutor(CHECKED_AT_ONCE) as threads:
             for _, pool in pools:
                 threads.submit(lambda pool: pool.try_start(until - time.monotonic()), pool)
@@ -376,7 +377,7 @@ class ServiceHost:
                 version = self.datasets.find(data.get(name) or str(need.default), access)
             except UnknownTermError as error:
                 raise MissingDataError(f"{name}: {error}", resource=name) from None
-            if need.writable:
+            if need.writable:  # on the head, and sees what others store there
                 bound.append((name, f"{version.dataset}@head", ""))
             else:
                 # The head has no number of its own; its contents tell one state from another.
@@ -424,6 +425,7 @@ class ServiceHost:
                     )
 
                 def heads() -> list[str]:
+                    # Of what is only read, the version stays as it is.
                     written_to = [dataset for _, dataset, digest in mapped if not digest]
                     return [self.datasets.find(path).digest for path in written_to]
 
@@ -454,6 +456,7 @@ class ServiceHost:
 
     def _workers(self, definition: Definition) -> int:
         """Return how many workers a queue of a service may have, here and on other machines."""
+        # Two writers of one head would overwrite each other.
         if definition.is_writing:
             return 1
         here = definition.max_workers or os.cpu_count() or 1

@@ -49,6 +49,7 @@ class Job:
         self._listeners: list[Callable[[], None]] = []
         self.answer_bytes = 0
         task.call.on_progress(self._progressed)
+        # In whatever thread it ends, since nobody may be waiting.
         task.done.add_done_callback(lambda _: self._ended())
 
     @property
@@ -97,6 +98,7 @@ class Job:
         until = time.monotonic() + timeout_s
         with self._changed:
             while self.state not in ENDED and (after is None or self._count <= after):
+                # Beyond its deadline nothing more happens, and a waiter must not stay.
                 left_s = min(until - time.monotonic(), self.task.call.left_s)
                 if left_s <= 0:
                     break
@@ -137,6 +139,7 @@ class Job:
             self._events.append((self._count, facts))
             self._changed.notify_all()
             listeners = list(self._listeners)
+        # Outside of the lock: a listener may ask for the job's state.
         for listener in listeners:
             listener()
 
@@ -160,6 +163,7 @@ class Jobs:
             Too many jobs have not ended yet.
         """
         with self._lock:
+            # Made at each call, so that no thread is needed for it.
             self._forget()
             own = [other for other in self._jobs.values() if other.owner == owner]
             unended = sum(other.state not in ENDED for other in own)
@@ -182,6 +186,7 @@ class Jobs:
         """
         with self._lock:
             job = self._jobs.get(job_id)
+        # A job of somebody else is answered as one that is not there.
         if job is None or job.owner != owner:
             raise UnknownTermError(
                 f"no job {job_id}; jobs are kept for an hour, or until later answers need the room"
@@ -219,6 +224,7 @@ class Jobs:
         surplus = len(self._jobs) - MAX_JOBS + 1
         held = sum(job.answer_bytes for job in ended)
         for number, job in enumerate(ended):
+            # What never started counts from its deadline.
             since = job.task.ended_s or job.task.call.deadline
             if number < surplus or held > MAX_ANSWER_BYTES or now - since > RETENTION_S:
                 held -= job.answer_bytes

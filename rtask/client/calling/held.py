@@ -41,6 +41,7 @@ class _Link:
         """Send a call and return where its answer will be; None is put there when it is lost."""
         answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
         with self._lock:
+            # Its answer could only have come on this connection.
             if self._is_lost:
                 raise EOFError("the connection was lost")
             self._waiting[number] = answers
@@ -152,6 +153,7 @@ class HeldSocket:
                 raise RemoteUnavailableError(
                     f"no answer from {self._address} within {patience.timeout_s:g} s"
                 ) from None
+            # It was sent, and nobody knows whether it was carried out.
             if message is None:
                 if may_repeat:
                     continue
@@ -197,6 +199,7 @@ class HeldSocket:
             while self._link is None:
                 if self._closed.is_set():
                     raise RemoteUnavailableError(f"{self._address}: closed")
+                # A wrong token stays wrong: no use in waiting for another try.
                 if isinstance(self._trouble, RtaskError):
                     raise self._trouble
                 if not self._changed.wait(patience.left_s if patience.left_s > 0 else 0.0):
@@ -213,6 +216,7 @@ class HeldSocket:
                     link = _Link(open_socket(opened, self._address, self._token, _OPEN_S))
                     pause_s = _PAUSE_S
                     self._serve(link)
+                # Anew at once, since a connection that came about shows that somebody answers.
                 continue
             except (OSError, RtaskError) as error:
                 trouble: Exception = error
@@ -223,6 +227,7 @@ class HeldSocket:
                 self._trouble = trouble
                 self._changed.notify_all()
             self._closed.wait(pause_s)
+            # Longer each time: a server that restarts is not helped by a thousand knocks.
             pause_s = min(2 * pause_s, _MAX_PAUSE_S)
 
     def _serve(self, link: _Link) -> None:
@@ -234,6 +239,7 @@ class HeldSocket:
             topics = list(self._topics)
             self._changed.notify_all()
         try:
+            # Before anything else, since messages of a topic may have been missed already.
             for topic in topics:
                 self._tell(link, {"op": "subscribe", "topic": topic})
             while not self._closed.is_set():

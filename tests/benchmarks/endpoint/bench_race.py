@@ -27,7 +27,7 @@ import numpy as np
 
 import rtask
 from rtask.client import Client
-from rtask.client.race import Attempt, race
+from rtask.client.race import Contender, race
 from rtask.errors import DeadlineError, RtaskError
 from tests.servers import running_server
 
@@ -143,13 +143,13 @@ def run(tasks: int, seed: int, deadline_s: float = 0.3) -> dict[str, Any]:
             known = taught(setup)
         own = taught(near)
 
-        def local(_: Attempt[Any]) -> Any:
+        def local(_: Contender[Any]) -> Any:
             return near.recall_grasps(object=own["object"])
 
-        def remote(_: Attempt[Any]) -> Any:
+        def remote(_: Contender[Any]) -> Any:
             return far.recall_grasps(object=known["object"])
 
-        local(Attempt(threading.Condition()))
+        local(Contender(threading.Condition()))
         for number in range(tasks):
             cut = threading.Timer(chance.uniform(0, 0.03), link.cut)
             cut.start()

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import rtask
-from rtask.client.race import Attempt, race
+from rtask.client.race import Contender, race
 from rtask.client.racing import _is_nothing
 from rtask.errors import DeadlineError, UsageError
 from tests.processes import EVER_LONGER_S
@@ -19,11 +19,11 @@ from tests.servers import running_server
 LONG_S = 120.0
 
 
-def never(_: Attempt[Any]) -> Any:
+def never(_: Contender[Any]) -> Any:
     threading.Event().wait(LONG_S)
 
 
-def fail(_: Attempt[Any]) -> Any:
+def fail(_: Contender[Any]) -> Any:
     raise LookupError("nothing known")
 
 
@@ -38,11 +38,11 @@ def race_to_the_end(local, remote, **options):
 def test_the_remote_answer_counts_within_the_patience_and_the_local_one_after_it():
     near = threading.Event()
 
-    def local(_: Attempt[str]) -> str:
+    def local(_: Contender[str]) -> str:
         near.set()
         return "near"
 
-    def remote(_: Attempt[str]) -> str:
+    def remote(_: Contender[str]) -> str:
         assert near.wait(LONG_S)
         return "far"
 
@@ -61,9 +61,9 @@ def test_a_side_that_fails_leaves_the_race_to_the_other():
 
 @pytest.mark.slow  # waits for the deadline
 def test_at_the_deadline_the_best_answer_so_far_counts():
-    def growing(attempt: Attempt[int]) -> int:
-        attempt.offer(1)
-        attempt.offer(2)
+    def growing(contender: Contender[int]) -> int:
+        contender.offer(1)
+        contender.offer(2)
         threading.Event().wait(LONG_S)
         return 3
 
@@ -77,18 +77,18 @@ def test_at_the_deadline_the_best_answer_so_far_counts():
 def test_the_better_of_two_answers_counts_where_both_are_there():
     far = threading.Event()
 
-    def local(_: Attempt[int]) -> int:
+    def local(_: Contender[int]) -> int:
         return 5
 
-    def remote(attempt: Attempt[int]) -> int:
-        attempt.offer(9)
+    def remote(contender: Contender[int]) -> int:
+        contender.offer(9)
         far.set()
         threading.Event().wait(LONG_S)
         return 9
 
-    def slow(attempt: Attempt[int]) -> int:
+    def slow(contender: Contender[int]) -> int:
         assert far.wait(LONG_S)
-        attempt.offer(5)
+        contender.offer(5)
         threading.Event().wait(LONG_S)
         return 5
 
@@ -100,8 +100,8 @@ def test_the_better_of_two_answers_counts_where_both_are_there():
 def test_the_loser_is_told_that_its_answer_is_not_wanted():
     told = threading.Event()
 
-    def local(attempt: Attempt[str]) -> str:
-        while attempt.is_wanted:
+    def local(contender: Contender[str]) -> str:
+        while contender.may_count:
             threading.Event().wait(0.01)
         told.set()
         return "late"
@@ -126,10 +126,10 @@ def test_a_robot_goes_on_with_its_slice_of_the_graph_while_the_server_does_not_a
         far.update("INSERT DATA { <urn:mug> <urn:on> <urn:shelf> }")
         kb.update("INSERT DATA { <urn:mug> <urn:on> <urn:table> }")
 
-        def local(_: Attempt[str]) -> str:
+        def local(_: Contender[str]) -> str:
             return str(next(iter(kb.query(question)))["place"].value)
 
-        def remote(_: Attempt[str]) -> str:
+        def remote(_: Contender[str]) -> str:
             return str(far.query(question)[0]["place"])
 
         linked = race(local, remote, patience_s=LONG_S, deadline_s=LONG_S)
