@@ -87,6 +87,8 @@ class Pairing:
     lags_s
         How long after the stamps of its headers a topic was recorded, s; only of topics whose
         stamps tell time.
+    frames
+        Frames of a topic's first images.
     from_s
         Views that were recorded before are not wanted, s.
     """
@@ -96,6 +98,7 @@ class Pairing:
     mounting: Mounting = field(default_factory=Mounting)
     units_m: dict[str, float] = field(default_factory=dict)
     lags_s: dict[str, float] = field(default_factory=dict)
+    frames: dict[str, set[str]] = field(default_factory=dict)
     from_s: float = 0.0
     cameras: CameraDescriptions = field(default_factory=CameraDescriptions)
     _colours: dict[str, deque[_Colour]] = field(default_factory=dict)
@@ -206,18 +209,19 @@ class Pairing:
         waiting = self._depths[topic]
         while waiting:
             depth = waiting[0]
-            apart = [
-                (self._apart_s(depth, colour), colour)
-                for name in self.plan.partners.get(topic, ())
-                for colour in self._colours.get(name, ())
-            ]
+            partners = self.plan.partners.get(topic, ())
+            colours = [colour for name in partners for colour in self._colours.get(name, ())]
+            # Of two cameras that share their topics, each has the pictures of its own frame.
+            if any(depth.of.frame_id in self.frames.get(name, ()) for name in partners):
+                colours = [each for each in colours if each.of.frame_id == depth.of.frame_id]
+            apart = [(self._apart_s(depth, colour), colour) for colour in colours]
             off, colour = min(apart, key=lambda pair: abs(pair[0]), default=(0.0, None))
             is_decided = any(pair[0] >= 0 for pair in apart) or (
                 colour is not None and abs(off) <= _AT_ONCE_S
             )
             waited_s = waiting[-1].of.recorded_s - depth.of.recorded_s
             has_waited = len(waiting) > _MOST_WAITING or waited_s > _LONGEST_WAIT_S
-            is_alone = not self.plan.partners.get(topic) and len(waiting) > 1
+            is_alone = not partners and len(waiting) > 1
             if not (is_decided or has_waited or is_alone or is_last):
                 return
             waiting.popleft()

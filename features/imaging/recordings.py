@@ -42,6 +42,7 @@ _OTHER_PICTURES = re.compile(r"(Image|Video|Packet|PointCloud|CustomMsg)$")
 """Types of pictures and clouds that are not read, such as video, and those of other viewers."""
 _SEVERAL = 20
 """Descriptions of a topic that may show more than one camera."""
+_FIRST_IMAGES = 4
 _SCALED_BY = 20
 """Pictures of a topic that say how many of 16 bits its colours use."""
 _UNIT = "/option/Depth_Units/value"
@@ -254,14 +255,16 @@ def _read_cameras(reader: Any, pairing: Pairing) -> None:
 
 
 def _read_clocks(reader: Any, images: list[Any], pairing: Pairing) -> None:
-    """Read how long after its stamps each topic was recorded, where its stamps tell time."""
+    """Read the frames of each topic, and how long after its stamps it was recorded."""
     for connection in images:
         times = []
-        for _, time_ns, raw in islice(reader.messages(connections=[connection]), 2):
+        frames = pairing.frames.setdefault(connection.topic, set())
+        for _, time_ns, raw in islice(reader.messages(connections=[connection]), _FIRST_IMAGES):
             message = message_mapping(reader.deserialize(raw, connection.msgtype))
             times.append((stamp_of(message), time_ns * 1e-9))
+            frames.add(str(message["header"]["frame_id"]))
         # One stamp for all, or none, tells nothing; neither does a topic of one message.
-        if len(times) == 2 and 0 < times[0][0] < times[1][0]:
+        if len(times) > 1 and 0 < times[0][0] < times[-1][0]:
             pairing.lags_s[connection.topic] = times[0][1] - times[0][0]
 
 

@@ -58,6 +58,26 @@ def test_two_cameras_on_one_topic_are_each_described_by_their_own(
     assert not warnings
 
 
+def test_two_cameras_on_one_topic_keep_their_own_colours(tmp_path: Path) -> None:
+    drive = Drive()
+    for number in range(3):
+        at = 1000 + 33 * number
+        for frame, grey in (("left", 10), ("right", 200)):
+            drive.camera(INFO, at)
+            headed(drive, at / 1000, frame)
+            # Taken at once, and the right one's colour arrives first.
+            order = ("right", "left").index(frame)
+            drive.image(DEPTH, at + 2 + order, "16UC1", depth_mm())
+            headed(drive, at / 1000, frame)
+            picture = np.full((HEIGHT, WIDTH, 3), grey + number, "u1")
+            drive.image("/camera/color/image_raw", at + 5 + order, "rgb8", picture)
+            headed(drive, at / 1000, frame)
+    found, warnings = views(drive, tmp_path)
+    greys = {(view.frame_id, int(view.rgb[20, 20, 0])) for view in found}
+    assert greys == {("left", 10 + k) for k in range(3)} | {("right", 200 + k) for k in range(3)}
+    assert not warnings
+
+
 def test_a_camera_that_zooms_is_described_as_it_was_when_the_image_was_taken(
     tmp_path: Path,
 ) -> None:
