@@ -30,7 +30,7 @@ shadowing.check_packages()
 
 # Gymnasium looks for no plugins since 1.0, so whoever has imported it is told our environments by
 # name here; a program without it loads nothing more.
-if "gymnasium" in sys.modules:
+if sys.modules.get("gymnasium") is not None:
     from grasp.learning import registration
 
     registration.register()
