@@ -18,7 +18,6 @@ __all__ = [
     "MAX_LITERAL",
     "MAX_NESTING",
     "characters",
-    "has_long_name",
     "name_characters",
     "refuse_long_literal",
     "refuse_long_names",
@@ -81,11 +80,6 @@ def name_characters(term: Any) -> int:
     return 0
 
 
-def has_long_name(quad: Quad) -> bool:
-    """Whether a term of a quad is longer than :data:`MAX_IRI`."""
-    return any(name_characters(term) > MAX_IRI for term in quad)
-
-
 def refuse_long_names(quad: Quad) -> None:
     """Raise if a term of a quad has an IRI or language tag longer than :data:`MAX_IRI`.
 
@@ -94,6 +88,8 @@ def refuse_long_names(quad: Quad) -> None:
     TooLargeError
         Naming the limit.
     """
+    if len(str(quad)) <= MAX_IRI:  # one call for the four terms of nearly all quads
+        return
     for term in quad:
         size = name_characters(term)
         if size > MAX_IRI:

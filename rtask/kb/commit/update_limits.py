@@ -10,11 +10,9 @@ from pyoxigraph import Quad
 
 from rtask.errors import QueryTooExpensive
 from rtask.kb.commit.budget import ReasoningLimits
-from rtask.rdf.bounds import MAX_LITERAL, characters, name_characters, refuse_long_names
+from rtask.rdf.bounds import MAX_LITERAL, characters, refuse_long_names
 
 __all__ = ["Meter", "UpdateLimits"]
-
-_QUAD_BYTES = 20  # rough size of a statement without its literal and names
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,7 @@ class Meter:
                 refuse_long_names(quad)
             self._statements += 1
             # A prefix of 16 kB makes a long IRI of each of a hundred thousand short names.
-            self._bytes += size + _QUAD_BYTES + sum(map(name_characters, quad))
+            self._bytes += len(str(quad))
             if self._statements > limits.statements:
                 raise _beyond("statements", limits.statements, "statements")
             if self._bytes > limits.delta_bytes:
