@@ -72,7 +72,7 @@ def make_branch(files: Files, graphs: Graphs, record: BranchRecord, is_head: boo
             with files.store.complete():
                 embedded_store(files.store, "a branch").raw.backup(path)
         else:
-            turn_back(files, graphs, files.journal, path, record.base)
+            turn_back(files, graphs, files.journal, path, record.base).close()
         (draft / "journal").mkdir()
         Checkpoint(record.base, clean=False, boot=boot_id()).save(draft)
         record.save(draft)

@@ -122,14 +122,15 @@ def _journal(files: Files) -> JournalFile:
 def _turned_back(
     files: Files, graphs: Graphs, journal: JournalFile, folder: Path, seq: int
 ) -> EmbeddedStore:
-    path = str(folder / "store")
-    turn_back(files, graphs, journal, path, seq)
-    # Opened anew: readers in other processes failed now and then beside one that may write.
-    return EmbeddedStore(Store.read_only(path), path)
+    return turn_back(files, graphs, journal, str(folder / "store"), seq)
 
 
-def turn_back(files: Files, graphs: Graphs, journal: JournalFile, path: str, seq: int) -> None:
+def turn_back(
+    files: Files, graphs: Graphs, journal: JournalFile, path: str, seq: int
+) -> EmbeddedStore:
     """Make the store of an earlier state, from the nearest one that is kept or from the current.
+
+    It is returned open, for to open it once more takes a fifth of a question about the past.
 
     Raises
     ------
@@ -142,8 +143,7 @@ def turn_back(files: Files, graphs: Graphs, journal: JournalFile, path: str, seq
             break
         if ladder.copy(state, Path(path)):
             try:
-                _Replay(files, graphs, journal, path, state.seq, seq, distance).run()
-                return
+                return _Replay(files, graphs, journal, path, state.seq, seq, distance).run()
             except UnsupportedError:  # a bulk load lies between; from the other side it does not
                 shutil.rmtree(path, ignore_errors=True)
     # A commit stored while copying may or may not be in the copy. Undoing one that is not does no
@@ -151,7 +151,7 @@ def turn_back(files: Files, graphs: Graphs, journal: JournalFile, path: str, seq
     with files.store.complete():
         embedded_store(files.store, "an earlier state").raw.backup(path)
     distance = journal.marks.changed(seq, _LAST)
-    _Replay(files, graphs, journal, path, _LAST, seq, distance).run()
+    return _Replay(files, graphs, journal, path, _LAST, seq, distance).run()
 
 
 def replayed_for(files: Files, seq: int) -> int:
@@ -194,8 +194,8 @@ class _Replay:
     seq: int
     distance: int
 
-    def run(self) -> None:
-        """Replay, and keep copies on the way if it is long.
+    def run(self) -> EmbeddedStore:
+        """Replay, and keep copies on the way if it is long; return the store.
 
         Raises
         ------
@@ -203,7 +203,8 @@ class _Replay:
             The journal does not hold all that changed on the way.
         """
         if not self.distance:
-            return  # a state that is kept: to open it to write takes a third of the question
+            # A state that is kept: to open it to write takes a third of the question.
+            return EmbeddedStore(Store.read_only(self.path), self.path)
         store = EmbeddedStore(Store(self.path), self.path)
         settings = self.files.settings
         try:
@@ -227,8 +228,11 @@ class _Replay:
                 _require_whole(store, self.graphs, Catalogue(store, self.graphs), self.seq)
             if size > _FLUSHED_BYTES:
                 store.flush()
-        finally:
+        except BaseException:
             store.close()
+            raise
+        store.is_past = True
+        return store
 
     def _stretches(self) -> Iterator[tuple[int, int]]:
         """Yield the commits on the way, as (after, up to); a copy is kept after each piece."""

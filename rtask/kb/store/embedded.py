@@ -50,9 +50,14 @@ class EmbeddedStore(GraphStore):
     ----------
     store
         The store; the caller must keep no other reference to it.
+
+    Attributes
+    ----------
+    is_past
+        Whether it is a copy that was open to write and is only read from now on.
     """
 
-    __slots__ = ("_is_applying", "_left_over", "_merged", "_path", "_store")
+    __slots__ = ("_is_applying", "_left_over", "_merged", "_path", "_store", "is_past")
 
     def __init__(self, store: Store, path: str | None = None) -> None:
         super().__init__()
@@ -60,6 +65,7 @@ class EmbeddedStore(GraphStore):
         self._path = path
         self._merged, self._is_applying = MergedCopy(), False
         self._left_over: Writes | None = None
+        self.is_past = False
 
     @property
     def raw(self) -> Store:
@@ -119,6 +125,16 @@ class EmbeddedStore(GraphStore):
                     self._store = Store.read_only(self._path)
                     raise StorageFullError(f"the store cannot be written: {error}") from error
                 time.sleep(_PAUSE_S)  # nothing tells when the lock of the closed store is free
+
+    def reopen_to_read(self) -> None:
+        """Open a copy that nobody writes to any more as processes beside this one do.
+
+        These failed now and then to open what this one had open to write.
+        """
+        if self.is_past and self._path is not None:
+            self._store, self.is_past = None, False
+            self.changed()
+            self._store = Store.read_only(self._path)
 
     def close(self) -> None:
         """Release the files."""

@@ -73,6 +73,7 @@ class Snapshots:
 
     def _make(self) -> Snapshot:
         if self.frozen:
+            embedded_store(self._store, "a snapshot").reopen_to_read()
             snapshot = Snapshot(self._folder / "store", self._last_seq())
         else:
             # read before copying: commits stored meanwhile may be in the copy, too
