@@ -458,7 +458,7 @@ class _Reader:
 
     def _check_clearing(self, target: Name) -> None:
         clause = self.clause
-        if clause.subject.sources or clause.left_out or clause.quantity is not None:
+        if clause.subject.sources or clause.quantity is not None:
             raise UsageError(f"to clear {target.text!r}, name the place and, if need be, its robot")
 
     def _refuse(self, word: str) -> None:

@@ -225,9 +225,7 @@ def _aim(clause: Clause) -> Aim:
     if (subject.is_empty and not subject.sources) or subject.has_bare_colour:
         raise UsageError(f"{clause.text!r} does not say which things are to be there")
     conditions = ["?thing a rt:Exemplar", *_conditions(subject, "subject")]
-    for at, phrase in enumerate(clause.left_out):
-        ways = " . ".join(["?thing a rt:Exemplar", *_conditions(phrase, f"left_out{at}_")])
-        conditions.append(f"MINUS {{ {ways} }}")
+    conditions += _left_out(clause)
     if clause.removes:
         conditions.append(_elsewhere(subject.sources))
     elif clause.goes_back:
@@ -244,6 +242,17 @@ def _aim(clause: Clause) -> Aim:
     return Aim(LOCATED, " . ".join(conditions), number, f"{words} {_about(clause)}")
 
 
+def _left_out(clause: Clause) -> Iterator[str]:
+    """Yield the conditions that things are none of those that a goal leaves out."""
+    for at, phrase in enumerate(clause.left_out):
+        ways = " . ".join(["?thing a rt:Exemplar", *_conditions(phrase, f"left_out{at}_")])
+        yield f"MINUS {{ {ways} }}"
+
+
+def _exceptions(clause: Clause) -> str:
+    return "".join(f" except {phrase.text}" for phrase in clause.left_out)
+
+
 def _about(clause: Clause) -> str:
     """Return what a goal is about, and where that is to be, for people."""
     subject, target = clause.subject, clause.target
@@ -251,7 +260,7 @@ def _about(clause: Clause) -> str:
     about = f"{'everything that has a place ' * is_any}{subject.text}"
     called = sum(len(kind.called) for head in subject.heads if (kind := head.role("kind")))
     about = about.strip() + (f" (and {called} only called so)" if called else "")
-    about += "".join(f" except {phrase.text}" for phrase in clause.left_out)
+    about += _exceptions(clause)
     if clause.removes:
         return f"{about}: elsewhere"
     if clause.goes_back:
@@ -350,9 +359,9 @@ def _clearing(clause: Clause, target: Name) -> Aim:
         owner = f"{_terms('owner', _role(clause.owner, 'robot'))} ?owner rt:reaches ?source"
     conditions = [
         "?thing a rt:Exemplar", f"{_terms('source', place)} ?thing rt:locatedOn ?source",
-        owner, *_conditions(clause.subject, "subject"), _elsewhere([target]),
+        owner, *_conditions(clause.subject, "subject"), *_left_out(clause), _elsewhere([target]),
     ]  # fmt: skip
-    what = clause.subject.text or "everything"
+    what = (clause.subject.text or "everything") + _exceptions(clause)
     where = " . ".join(filter(None, conditions))
     return Aim(LOCATED, where, None, f"{what} at {target.text}: elsewhere")
 

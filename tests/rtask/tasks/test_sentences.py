@@ -100,6 +100,8 @@ LEFT_BOX, RIGHT_BOX, ON_TABLE = {"left box"}, {"right box"}, {"table"}
         ("no cup may stay on the table",
          [(None, {"cup-1", "cup-2"}, {"left box", "right box"})]),
         ("clear the table of pens", [(None, {"pen-1"}, {"left box", "right box"})]),
+        ("clear the table except the cups and the can",
+         [(None, {"pen-1"}, {"left box", "right box"})]),
         ("put what is in the left box on the table", [(None, {"pen-2", "jug"}, ON_TABLE)]),
         ("put cup-3 in the box on the left", [(None, {"cup-3"}, LEFT_BOX)]),
         ("put the can back where it was", [(1, {"can-1"}, LEFT_BOX)]),
