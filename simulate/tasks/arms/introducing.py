@@ -6,7 +6,7 @@ products as their packages tell them. What stands where, the robots find out wit
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 from urllib.parse import quote
@@ -119,8 +119,8 @@ def survey(
             if place in seen_at or bench.layout.area(body.places[place]).is_box:
                 continue
             seen_at.add(place)
-            seen += [_store(planner, bench, body, sighting, place)
-                      for sighting in body.look(place)]  # fmt: skip
+            for sighting in body.look(place):
+                seen.append(_store(planner, bench, body, sighting, place, seen))
         body.look_anew()
     for row in planner.query(_AT % " ".join(f"<{place}>" for place in crew.places)):
         if str(row["thing"]) not in seen:
@@ -128,25 +128,36 @@ def survey(
     return seen
 
 
-def _store(planner: Planner, bench: Bench, body: ArmBody, sighting: Sighting, place: str) -> str:
-    """Store a thing where it was seen; return its IRI."""
+def _store(
+    planner: Planner, bench: Bench, body: ArmBody, sighting: Sighting, place: str,
+    taken: Collection[str] = (),
+) -> str:  # fmt: skip
+    """Store a thing where it was seen; return its IRI.
+
+    Parameters
+    ----------
+    taken
+        IRIs of things that were seen elsewhere at this table: this is none of them.
+    """
     spec = bench.product_at(body.robot.station, sighting.seen.position)
     entry: dict[str, Any] = {**sighting.observation, "gripper_id": next(iter(body.hands.values()))}
-    stored_there = (
-        planner.query(_STORED_THERE % (sighting.object, place)) if sighting.object else []
-    )
+    rows = planner.query(_STORED_THERE % (sighting.object, place)) if sighting.object else []
+    there = [thing for row in rows if (thing := str(row["thing"])) not in taken]
     # What merely resembles a product is one only where such a thing is expected. A second can that
     # was taken for the first had no name of its own, and the first one was said to be there, too.
-    is_known = bool(sighting.object) and (sighting.is_accepted or bool(stored_there))
-    if is_known:
+    if sighting.object and (sighting.is_accepted or there):
         entry["object"] = sighting.object
-        if len(stored_there) == 1:
-            entry["thing"] = str(stored_there[0]["thing"])
+        if len(there) == 1:
+            entry["thing"] = there[0]
     elif spec is not None:
-        entry |= {"name": spec.name, "class_description": spec.kind}
+        named = planner.query(_NAMED % literal(spec.name))
+        if len(named) == 1:  # the person names what is shown, and the graph knows it by that name
+            entry["object"] = str(named[0]["product"])
+        else:
+            entry |= {"name": spec.name, "class_description": spec.kind}
     stored = body.graph.call("insert_object", objects=[entry])["objects"][0]
     thing = str(stored["thing"])
-    if spec is not None and not is_known:
+    if spec is not None and "object" not in entry:
         planner.update(
             f"{PREFIXES} INSERT DATA {{ <{stored['object']}> rt:mass {spec.mass:.4f}e0 }}"
         )
@@ -166,5 +177,7 @@ SELECT ?hand ?name WHERE {{ <%s> rt:hasEndEffector ?hand . ?hand rt:name ?name }
 _AT = f"""{PREFIXES}
 SELECT DISTINCT ?thing WHERE {{
   VALUES ?place {{ %s }} ?thing a rt:Exemplar ; rt:locatedOn ?place }}"""
+_NAMED = f"""{PREFIXES}
+SELECT DISTINCT ?product WHERE {{ ?product rt:name %s ; rt:objectId ?id }}"""
 _STORED_THERE = f"""{PREFIXES}
 SELECT DISTINCT ?thing WHERE {{ ?thing rt:exemplarOf <%s> ; rt:locatedOn <%s> }}"""

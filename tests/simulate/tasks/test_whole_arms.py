@@ -118,28 +118,39 @@ def test_what_lies_just_beyond_an_area_belongs_to_it_and_what_fell_off_the_table
         bench.close()
 
 
-def test_a_survey_takes_what_resembles_a_product_for_one_only_where_such_a_thing_is_expected():
-    sightings = [
-        SimpleNamespace(seen=SimpleNamespace(position=np.zeros(2)), object=PRODUCT, observation={},
-                        is_accepted=is_sure)
-        for is_sure in (True, False)
-    ]  # fmt: skip
-    expected = [({PRODUCT}, {"can-86"}), ({PRODUCT}, {PRODUCT})]
-    for there, objects in zip(([], [{"thing": "urn:thing"}]), expected, strict=True):
-        stored: list[dict[str, str]] = []
+@pytest.mark.parametrize(
+    ("is_sure", "there", "taken", "named", "stored"),
+    [
+        (True, [], (), [], (PRODUCT, None, None)),
+        (True, ["urn:1"], (), [], (PRODUCT, "urn:1", None)),
+        (True, ["urn:1"], ("urn:1",), [], (PRODUCT, None, None)),  # its equal beside it
+        (False, ["urn:1"], (), [], (PRODUCT, "urn:1", None)),
+        (False, ["urn:1"], ("urn:1",), [], (None, None, "can-86")),
+        (False, [], (), [], (None, None, "can-86")),
+        (False, [], (), ["urn:can-86"], ("urn:can-86", None, None)),
+    ],
+)
+def test_a_survey_takes_what_resembles_a_product_for_one_only_where_such_a_thing_is_expected(
+    is_sure, there, taken, named, stored
+):
+    entries: list[dict[str, str]] = []
 
-        def call(operation, stored=stored, **fields):
-            stored.extend(fields.get("objects", []))
-            return {"objects": [{"thing": "urn:new", "object": "urn:object"}]}
+    def call(operation, **fields):
+        entries.extend(fields.get("objects", []))
+        return {"objects": [{"thing": "urn:new", "object": "urn:object"}]}
 
-        graph = SimpleNamespace(call=call, query=lambda text, there=there: there,
-                                update=lambda text: None)  # fmt: skip
-        body = SimpleNamespace(robot=SimpleNamespace(station=None), hands={"hand": ""}, graph=graph)
-        bench = SimpleNamespace(product_at=lambda station, at: spec_of("can-86"))
-        for sighting in sightings:
-            _store(graph, bench, body, sighting, "urn:place")
-        named = [{entry.get("object") or entry.get("name")} for entry in stored]
-        assert tuple(named) == objects
+    def query(text):
+        key, values = ("thing", there) if "locatedOn" in text else ("product", named)
+        return [{key: value} for value in values]
+
+    seen = SimpleNamespace(position=np.zeros(2))
+    sighting = SimpleNamespace(seen=seen, object=PRODUCT, observation={}, is_accepted=is_sure)
+    graph = SimpleNamespace(call=call, query=query, update=lambda text: None)
+    body = SimpleNamespace(robot=SimpleNamespace(station=None), hands={"hand": ""}, graph=graph)
+    bench = SimpleNamespace(product_at=lambda station, at: spec_of("can-86"))
+    _store(graph, bench, body, sighting, "urn:place", taken)
+    [entry] = entries
+    assert tuple(entry.get(name) for name in ("object", "thing", "name")) == stored
 
 
 def test_a_survey_tells_the_graph_what_stands_where_and_hands_where_they_get_to(tmp_path):
