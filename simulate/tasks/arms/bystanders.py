@@ -111,6 +111,8 @@ class Bystanders:
 
         What another robot has taken meanwhile, as the graph has it, is left out.
         """
+        if not self._stood:  # nothing was moved since: what is hidden is still to be looked for
+            return {}
         unseen = [item for item, at in self._stood.items() if not self._observer.is_seen(item, at)]
         gone = [item for item in unseen if self._empty_spots(item) == len(self._spots[item])]
         self._hidden = {item: self._stood[item] for item in unseen if item not in gone}

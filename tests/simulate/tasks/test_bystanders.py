@@ -150,6 +150,7 @@ def test_what_an_arm_hides_is_not_gone_and_is_looked_for_after_the_next_motion()
     bystanders.note("can1")
     eyes.where, eyes.held, eyes.hidden = {"here": []}, "can1", 3
     assert bystanders.displaced() == {}, "behind the can in the hand"
+    assert bystanders.displaced() == {}, "a step that moved nothing"
     bystanders.note("can1", "there")
     eyes.held, eyes.hidden = "", 0
     assert bystanders.displaced() == {"box1": None}
