@@ -2,9 +2,9 @@
 
     python bench_hand_builds.py --draws 25
 
-Each draw has another size, arm, mount (also on a bracket that leads aside), axes and limits. Counted
-are files in which just one hand is found; of builds whose fingers agree on a direction, how far the
-approach is from it. Builds that are no hands must give none.
+Each draw has another size, arm, mount (also on a bracket that leads aside), axes and limits.
+Counted are files in which just one hand is found; of builds whose fingers agree on a direction, how
+far the approach is from it. Builds that are no hands must give none.
 """
 
 from __future__ import annotations
