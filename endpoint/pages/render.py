@@ -175,21 +175,21 @@ def with_evidence(model: Any) -> Any:
         return [with_evidence(item) for item in model]
     if not isinstance(model, dict):
         return model
-    found = {name: with_evidence(item) for name, item in model.items()}
-    is_learnt = any(_is_number(found.get(name)) for name in _LEARNT)
-    return {**found, "why": _evidence(found)} if is_learnt and "why" not in found else found
+    entry = {name: with_evidence(item) for name, item in model.items()}
+    is_learnt = any(_is_number(entry.get(name)) for name in _LEARNT)
+    return {**entry, "why": _evidence(entry)} if is_learnt and "why" not in entry else entry
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _evidence(found: Mapping[str, Any]) -> str:
-    if isinstance(found.get("attempt"), str):
-        return f"/resource?{urlencode({'iri': found['attempt']})}"
+def _evidence(entry: Mapping[str, Any]) -> str:
+    if isinstance(entry.get("attempt"), str):
+        return f"/resource?{urlencode({'iri': entry['attempt']})}"
     for name, role in _SUBJECTS:
-        if isinstance(found.get(name), str) and found[name]:
-            return f"/feedback?{urlencode({role: found[name]})}"
+        if isinstance(entry.get(name), str) and entry[name]:
+            return f"/feedback?{urlencode({role: entry[name]})}"
     return "/feedback"
 
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 __all__ = ["ENVIRONMENTS", "register"]
 
-_WORLDS = "grasp.learning.environments"
 ENVIRONMENTS: dict[str, tuple[str, int | None]] = {
-    "rtask/MountainCar-v0": (f"{_WORLDS}.mountain_car:MountainCar", 1000),
-    "rtask/Taxi-v0": (f"{_WORLDS}.taxi:Taxi", 1000),
-    "rtask/TwoRooms-v0": (f"{_WORLDS}.two_rooms:TwoRooms", 1000),
+    "rtask/MountainCar-v0": ("grasp.learning.environments.mountain_car:MountainCar", 1000),
+    "rtask/Taxi-v0": ("grasp.learning.environments.taxi:Taxi", 1000),
+    "rtask/TwoRooms-v0": ("grasp.learning.environments.two_rooms:TwoRooms", 1000),
     # These two cut their episodes off themselves.
-    "rtask/Grasp-v0": (f"{_WORLDS}.simulated_grasps:grasp_environment", None),
-    "rtask/SimulatedGrasps-v0": (f"{_WORLDS}.simulated_grasps:SimulatedGrasps", None),
+    "rtask/Grasp-v0": ("grasp.learning.environments.simulated_grasps:grasp_environment", None),
+    "rtask/SimulatedGrasps-v0": (
+        "grasp.learning.environments.simulated_grasps:SimulatedGrasps",
+        None,
+    ),
 }
 """Where each is made, and after how many steps an episode is cut off."""
 

@@ -113,8 +113,8 @@ def doubtful_motions(joints: Sequence[Joint]) -> Iterator[str]:
                 f"{where} slides from {joint.lower:g} to {joint.upper:g} m: millimetres?; taken as "
                 "it stands"
             )
-        is_known = _FASTEST_RAD_S < joint.velocity < max(_ENDLESS_RAD_S)
-        if joint.kind == "revolute" and is_known and joint.velocity not in _ENDLESS_RAD_S:
+        is_usual = _FASTEST_RAD_S < joint.velocity < max(_ENDLESS_RAD_S)
+        if joint.kind == "revolute" and is_usual and joint.velocity not in _ENDLESS_RAD_S:
             yield (
                 f"{where} turns at {joint.velocity:g} rad/s: degrees? (that would be "
                 f"{math.radians(joint.velocity):.3g}); taken as it stands"
