@@ -50,11 +50,6 @@ class EmbeddedStore(GraphStore):
     ----------
     store
         The store; the caller must keep no other reference to it.
-
-    Attributes
-    ----------
-    is_past
-        Whether it is a copy that was open to write and is only read from now on.
     """
 
     __slots__ = ("_is_applying", "_left_over", "_merged", "_path", "_store", "is_past")
@@ -65,7 +60,7 @@ class EmbeddedStore(GraphStore):
         self._path = path
         self._merged, self._is_applying = MergedCopy(), False
         self._left_over: Writes | None = None
-        self.is_past = False
+        self.is_past = False  # a copy that was open to write and is only read from now on
 
     @property
     def raw(self) -> Store:
@@ -127,10 +122,7 @@ class EmbeddedStore(GraphStore):
                 time.sleep(_PAUSE_S)  # nothing tells when the lock of the closed store is free
 
     def reopen_to_read(self) -> None:
-        """Open a copy that nobody writes to any more as processes beside this one do.
-
-        These failed now and then to open what this one had open to write.
-        """
+        """Open a past copy again, since readers beside failed to open one that may be written."""
         if self.is_past and self._path is not None:
             self._store, self.is_past = None, False
             self.changed()

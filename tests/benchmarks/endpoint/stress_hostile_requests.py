@@ -28,7 +28,7 @@ from tests.servers import RunningServer, running_server
 
 _BASE = "http://hostile.example/"
 _TRICKLING = 100
-_TRICKLED_S = 15.0
+_TRICKLED_S = 5.0
 
 
 def send(server: RunningServer, request: HostileRequest, token: str, own: str) -> tuple[int, str]:
