@@ -98,7 +98,7 @@ class Rearranging:
         is_stuck = is_full or item in self._unmoved
         if not is_stuck and self._store_move(plan, item, item, place, robot):
             return True
-        beside = (other for other in self._things_at(place) if other != item)
+        beside = (other for other in self._contents_of(place) if other != item)
         return any(self._store_move(plan, item, other, place) for other in beside)
 
     def _store_move(
@@ -140,8 +140,8 @@ class Rearranging:
         """Note that a plan that only moves something failed: what is beside that is next to go."""
         self._unmoved.add(self.helping.pop(plan))
 
-    def _things_at(self, place: str) -> list[str]:
-        return [str(row["thing"]) for row in self.planner.query(_THINGS_AT % place)]
+    def _contents_of(self, place: str) -> list[str]:
+        return [str(row["thing"]) for row in self.planner.query(_CONTENTS % place)]
 
     def hopeless(self, plan: Mapping[str, Any]) -> str:
         """Return why there is no use in planning again; empty if there may be."""
@@ -205,7 +205,7 @@ def _is_by(plan: Mapping[str, Any], robot: str) -> bool:
 
 _VALUES = f"""{PREFIXES}
 SELECT ?values WHERE {{ <%s> rt:parameterValues ?values }} LIMIT 1"""
-_THINGS_AT = f"""{PREFIXES}
+_CONTENTS = f"""{PREFIXES}
 SELECT DISTINCT ?thing WHERE {{ ?thing a rt:Exemplar ; rt:locatedOn <%s> }} ORDER BY ?thing"""
 _IS_AT = f"""{PREFIXES}
 SELECT ?at WHERE {{ VALUES (?item ?at) {{ (<%s> <%s>) }} ?item rt:locatedOn ?at }} LIMIT 1"""

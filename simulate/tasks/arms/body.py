@@ -224,7 +224,7 @@ class ArmBody:
         moment, key = self.robot.world.moment, (place, number)
         if key not in self._seen or self._seen[key][0] != moment:
             view, inside = self.robot.look_at(self._shown[place], number)
-            sightings = _told_apart([self._recognise(seen, view) for seen in inside])
+            sightings = _disambiguated([self._recognise(seen, view) for seen in inside])
             self._seen[key] = moment, sightings, view
         return self._seen[key][1]
 
@@ -328,7 +328,7 @@ class ArmBody:
         there before are no news.
         """
         product = self.product(item)
-        equal = Counter(at for other, at in self._bystanders.known.items()
+        equal = Counter(at for other, at in self._bystanders.areas_before.items()
                         if other != item and self.product(other) == product)  # fmt: skip
         seen = {at: sum(s.object == product for s in self.look(at)) for at in self._tables}
         elsewhere = sum(seen[at] - equal[at] for at in self._tables if at != place)
@@ -462,7 +462,7 @@ def _nowhere(observation: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in observation.items() if name != "frame_id"}
 
 
-def _told_apart(sightings: list[Sighting]) -> list[Sighting]:
+def _disambiguated(sightings: list[Sighting]) -> list[Sighting]:
     """Return what one view shows, where of things that resemble a product only the likest is it.
 
     A can beside a box that resembles this can would else be picked up as the can, or the box would.

@@ -64,7 +64,7 @@ class Bystanders:
         self._hidden: dict[str, str] = {}
         self._counted: set[tuple[str, str]] = set()
         self._but, self._but_at = "", frozenset[str]()
-        self.known: Mapping[str, str] = {}
+        self.areas_before: Mapping[str, str] = {}
         """Areas of things, as the graph had them before the last motion, by IRI."""
 
     def note(self, but: str, target: str = "") -> None:
@@ -77,11 +77,11 @@ class Bystanders:
         but, target
             IRIs of the thing that is to be moved, and of the area it is to be put onto, if any.
         """
-        self.known = self._whereabouts()
-        self._but, self._but_at = but, frozenset((self.known.get(but, ""), target))
+        self.areas_before = self._whereabouts()
+        self._but, self._but_at = but, frozenset((self.areas_before.get(but, ""), target))
         self._stood = {
             item: place
-            for item, place in self.known.items()
+            for item, place in self.areas_before.items()
             if item != but
             and (self._observer.is_seen(item, place) or self._hidden.get(item) == place)
         }
@@ -91,11 +91,13 @@ class Bystanders:
             for item, place in self._stood.items()
         }
         self._hidden = {}
-        equal = Counter((place, self._observer.product(item)) for item, place in self.known.items())
+        equal = Counter(
+            (place, self._observer.product(item)) for item, place in self.areas_before.items()
+        )
         # Seen less than all of them before, a count says nothing about them afterwards.
         self._counted = {
             (place, self._observer.product(item))
-            for item, place in self.known.items()
+            for item, place in self.areas_before.items()
             if self._is_of_several(equal, place, item)
             and self._observer.count_seen(item, place) >= equal[place, self._observer.product(item)]
         }
@@ -103,7 +105,7 @@ class Bystanders:
     def _is_of_several(self, equal: Mapping[tuple[str, str], int], place: str, item: str) -> bool:
         """Tell whether an area has, or is to have, several things of one product."""
         product = self._observer.product(item)
-        comes = self.known.get(self._but) != place and place in self._but_at
+        comes = self.areas_before.get(self._but) != place and place in self._but_at
         return equal[place, product] + (comes and self._observer.product(self._but) == product) > 1
 
     def displaced(self) -> Mapping[str, str | None]:
@@ -141,7 +143,7 @@ class Bystanders:
             if (place, product) in self._counted:
                 seen = self._observer.count_seen(items[0], place)
                 there_too = self._is_there_too(place, product)
-                was_there = self.known.get(self._but) == place
+                was_there = self.areas_before.get(self._but) == place
                 is_taken = was_there and self._observer.product(self._but) == product
                 empty = self._empty_spots(items[0]) - (is_taken and not there_too)
                 free = max(seen - there_too, len(items) - max(empty, 0), 0)
@@ -156,7 +158,7 @@ class Bystanders:
     def _place_of(self, item: str) -> str | None:
         """Return where a displaced thing is seen now: not where others of its product stood."""
         product = self._observer.product(item)
-        equal = Counter(at for other, at in self.known.items()
+        equal = Counter(at for other, at in self.areas_before.items()
                         if other != item and self._observer.product(other) == product)  # fmt: skip
         if not equal:
             return self._observer.place_seen(item)
