@@ -49,7 +49,7 @@ def send(server: RunningServer, request: HostileRequest, token: str, own: str) -
 
 def watched(server: RunningServer, token: str, attack: threading.Thread) -> list[Wait]:
     """Return what others wait for while an attack goes on."""
-    waits, number = [], 0
+    waits = []
     attack.start()
     headers = {"Authorization": f"Bearer {token}"}
     with httpx.Client(base_url=server.url, timeout=60, headers=headers) as client:
@@ -65,7 +65,6 @@ def watched(server: RunningServer, token: str, attack: threading.Thread) -> list
                 if answer.status_code >= 300:
                     print("  another was refused:", answer.status_code, answer.text[:120])
                 waits.append(wait)
-                number += 1
             time.sleep(0.02)
     return waits
 
@@ -133,9 +132,12 @@ def main() -> None:
                 statuses[status] += 1
                 others += waits
                 clock = max((wait.clock_s for wait in waits), default=0.0)
-                own = max((wait.own_s for wait in waits), default=0.0)
+                health, insert = (
+                    1e3 * max((wait.own_s for wait in waits[k::2]), default=0.0) for k in (0, 1)
+                )
                 print(f"{name:36} {role:6} {status} {seconds:6.2f} s  others {1e3 * clock:5.0f} "
-                      f"{1e3 * own:5.0f} ms  {resident(server) >> 20} MB  "
+                      f"ms; /health {health:4.0f}, insert {insert:4.0f} without processor waits; "
+                      f"{resident(server) >> 20} MB  "
                       f"{text if status >= 500 or not status else ''}", flush=True)  # fmt: skip
                 if server.process.poll() is not None:
                     print("THE SERVER ENDED", server.process.poll())
