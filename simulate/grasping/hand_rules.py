@@ -52,6 +52,11 @@ class DiagonalMouth:
     # Its tilt decides what it holds. Giving .05 of it (4 degrees) gained no time.
     EQUAL = 0.0
 
+    STANDS = 1.2
+    """Height over the table, as a share of the width, up to which what a finger pushes slides."""
+    TIPPING = 20.0
+    """Cost of each m above it: the thumb may push alone, where the fingers meet nothing."""
+
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
 
@@ -78,7 +83,11 @@ class DiagonalMouth:
     def cost(self, request: GraspRequest, tilt: float, height: float, direction: int) -> float:
         """Return the distance from the preferred tilt and the requested closing direction."""
         off = abs(tilt - request.preferred_tilt(height))
-        return request.tilt_weight * off + request.yaw_weight * direction
+        return (
+            request.tilt_weight * off
+            + request.yaw_weight * direction
+            + self.TIPPING * max(min(height, request.height) - self.STANDS * request.width, 0.0)
+        )
 
 
 class ParallelJaws:

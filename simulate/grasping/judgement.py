@@ -28,6 +28,7 @@ __all__ = [
     "judge_off_table",
     "judge_old_place",
     "judge_placed",
+    "narrowest_hold",
     "new_cells",
     "share_left",
 ]
@@ -39,6 +40,8 @@ CLOSED_ON_SOMETHING = 0.08
 _MOVED_OPENING = 0.05
 _WIDTH_ERROR_M = 0.003
 """By which an object may be wider than it was seen to be."""
+_GIVEN_WAY_SHARE = 0.5
+"""Share of the seen width between closing fingers below which what was there has given way."""
 MIN_RISE_M = 0.02
 _MIN_OPENING_SHARE = 0.75
 """Share of the opening after the lift that must remain; a slipping object lets the hand close."""
@@ -97,6 +100,23 @@ def is_stuck(before: float, closed: float, width: float, mouth: float) -> bool:
     """
     way = before - (width + _WIDTH_ERROR_M) / mouth
     return before - closed < min(_MOVED_OPENING, way / 4)
+
+
+def narrowest_hold(width: float, mouth: float) -> float:
+    """Return the opening, 0..1, below which closing fingers hold nothing as wide as was seen.
+
+    What was there has broken, or one finger has missed it; the other then goes on pushing, and
+    throws it over. Of a NAO's hand that kept hold, none was narrower than .60 of the width that was
+    seen: its mouth is V-shaped, so that the mean opening of its fingers is not the gap.
+
+    Parameters
+    ----------
+    width
+        Of the object as it was seen, m.
+    mouth
+        Widest opening of the hand, m.
+    """
+    return _GIVEN_WAY_SHARE * width / mouth
 
 
 def judge_held(openings: Mapping[str, float], rise_m: float) -> Judgement:

@@ -99,11 +99,31 @@ class ArmDrive:
         """Open the fingers to a share of the widest opening."""
         self._fingers(opening, self.hand.open_effort, _OPEN_S)
 
-    def close(self, seconds: float = _CLOSE_S) -> None:
-        """Close the fingers with the hand's effort; a cup moves on until it seals, and back."""
+    def close(self, seconds: float = _CLOSE_S, least: float = 0.0) -> bool:
+        """Close the fingers with the hand's effort; a cup moves on until it seals, and back.
+
+        Parameters
+        ----------
+        seconds
+            Time to close.
+        least
+            Opening, 0..1, below which the fingers stop where they are.
+
+        Returns
+        -------
+        bool
+            Whether they closed that far.
+        """
         if self.hand.cup is not None:
             self._seal()
-        self._fingers(0.0, self.hand.close_effort, seconds)
+        self.robot.move_fingers(self.arm, 0.0, self.hand.close_effort)
+        for _ in range(max(round(seconds / _CONTROL_S), 1)):
+            self.steps(_CONTROL_S)
+            opening = self.robot.finger_opening(self.arm)
+            if opening < least:
+                self._fingers(max(opening, 0.0), self.hand.close_effort, _SETTLE_S)
+                return True
+        return False
 
     def steps(self, seconds: float) -> None:
         """Let time pass while the arm keeps its command."""

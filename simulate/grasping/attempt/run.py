@@ -25,6 +25,7 @@ from simulate.grasping.judgement import (
     judge_off_table,
     judge_old_place,
     judge_placed,
+    narrowest_hold,
     new_cells,
     share_left,
 )
@@ -139,12 +140,17 @@ class AttemptRun:
         if self.reason != "ok":
             return self.reason
         before = self.robot.finger_opening(self.arm)
-        self.drive.close()
+        width, mouth = self.plan.request.width, self.drive.hand.mouth
+        # A finger that goes on where the other meets nothing throws over what it pushes.
+        least = 0.0 if self.drive.hand.grip in _DO_NOT_TURN else narrowest_hold(width, mouth)
+        gave_way = self.drive.close(least=least)
         closed = self.drive.end("close").opening
-        stuck = is_stuck(before, closed, self.plan.request.width, self.drive.hand.mouth)
-        if closed <= CLOSED_ON_SOMETHING or stuck:
+        stuck = is_stuck(before, closed, width, mouth)
+        if closed <= CLOSED_ON_SOMETHING or gave_way or stuck:
             self.reason = "hardware" if stuck else "missed"
-            self.held = Judgement("no", f"opening {before:.2f} -> {closed:.2f} after closing")
+            evidence = f"opening {before:.2f} -> {closed:.2f} after closing"
+            thin = ", too narrow for what was seen" if gave_way else ""
+            self.held = Judgement("no", evidence + thin)
             self.back_off()
             self._look_after()
             return self.reason

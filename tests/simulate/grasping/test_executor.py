@@ -109,6 +109,26 @@ def test_objects_are_grasped_held_and_placed(preset, kind, side):
 
 
 @pytest.mark.slow
+def test_a_carton_of_which_one_end_gives_way_is_not_thrown_over(scene):
+    """Across its middle the thumb meets the firm end, and the fingers nothing."""
+    world, executor = scene
+    spec, place, yaw = product("carton", 316), (0.157, -0.1016), 5.322
+    body = world.spawn(spec, place, yaw)
+    world.step(0.2)
+    request = replace(request_for(spec, *place), theta=yaw + np.pi / 2, only_theta=True)
+    plan = executor.plan(request, seed=0)
+    record = executor.execute(plan, place=False)
+    upright = world.object_pose(body).rotation[2, 2]
+    has_broken = body in world.broken
+    world.remove(body)
+    assert has_broken
+    assert plan.tool_height < 1.2 * spec.extent[1]
+    assert record.reason == "missed"
+    assert "too narrow for what was seen" in record.evidence
+    assert upright > 0.95
+
+
+@pytest.mark.slow
 def test_without_placing_the_object_is_put_back(can):
     world, executor, body = can
     record = executor.execute(executor.plan(request_for(CAN, 0.15, -0.10)), place=False)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from simulate.grasping.executor import PlannedGrasp, Workcell
+from simulate.grasping.hand_rules import DiagonalMouth
 from simulate.grasping.planning import GraspPlanner
 from simulate.grasping.rules import GraspRequest, closing_angles, grasp_heights, openings
 from simulate.motion.arm_space import ALLOWED, ArmSpace
@@ -141,6 +142,18 @@ def test_heights_follow_the_size_and_the_wish_within_it():
     assert next(grasp_heights(replace(CAN, z=0.27 + 0.20))) == pytest.approx(0.055)
     assert next(grasp_heights(replace(CAN, height=0.035, width=0.035))) == pytest.approx(0.01925)
     assert max(grasp_heights(PEN)) < 0.02
+
+
+def test_a_hand_closes_low_on_what_a_finger_alone_would_throw_over():
+    rules = DiagonalMouth(describe_nao().arms["left_arm"])
+    narrow = replace(BOX, width=0.028, length=0.09, height=0.048)
+    low, _, high = (rules.cost(narrow, 0.3, height, 0) for height in rules.heights(narrow))
+    assert high > low + 0.1
+    wide = replace(narrow, width=0.040)
+    costs = [rules.cost(wide, 0.3, height, 0) for height in rules.heights(wide)]
+    assert costs == pytest.approx([costs[0]] * 3)
+    flat = replace(PEN, width=0.010, height=0.010)
+    assert rules.cost(flat, 0.28, 0.0165, 0) == pytest.approx(0.0)
 
 
 def test_a_pen_may_be_turned_and_a_small_box_taken_on_either_side():

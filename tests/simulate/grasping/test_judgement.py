@@ -17,6 +17,7 @@ from simulate.grasping.judgement import (
     judge_off_table,
     judge_old_place,
     judge_placed,
+    narrowest_hold,
     new_cells,
     share_left,
 )
@@ -50,6 +51,12 @@ def test_held_needs_a_hand_kept_open_and_a_tool_that_rose(openings, rise, answer
     judged = judge_held(openings, rise)
     assert judged.answer == answer
     assert "opening 0.60" in judged.evidence
+
+
+def test_fingers_that_close_beyond_half_the_width_hold_nothing():
+    # Cartons of 28 and 36 mm that a NAO held kept its hand open by .38 and .44, of 50 mm.
+    assert 0.25 < narrowest_hold(0.028, 0.05) < 0.38
+    assert 0.30 < narrowest_hold(0.036, 0.05) < 0.44
 
 
 @pytest.mark.parametrize(
