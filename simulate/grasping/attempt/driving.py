@@ -55,6 +55,7 @@ class ArmDrive:
         self._on_phase = on_phase
         self._ticks = max(round(_CONTROL_S / world.preset.step_s), 1)
         self._started = self._phase_started = world.time
+        self._gave_way = False
 
     @property
     def elapsed_s(self) -> float:
@@ -122,8 +123,9 @@ class ArmDrive:
             opening = self.robot.finger_opening(self.arm)
             if opening < least:
                 self._fingers(max(opening, 0.0), self.hand.close_effort, _SETTLE_S)
-                return True
-        return False
+                self._gave_way = True
+                break
+        return self._gave_way
 
     def steps(self, seconds: float) -> None:
         """Let time pass while the arm keeps its command."""
@@ -159,6 +161,8 @@ class ArmDrive:
         self.times[phase] = self.world.time - self._phase_started
         self._phase_started = self.world.time
         touch = self.robot.finger_touch(self.arm)
+        if self._gave_way:  # they were told to stop where they are: nothing keeps them there
+            touch = FingerTouch(touch.opening)
         self.touch[phase] = touch
         self._tool_height[phase] = float(self.robot.tool_pose(self.arm)[2, 3])
         self._on_phase(phase)

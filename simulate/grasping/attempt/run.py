@@ -141,9 +141,7 @@ class AttemptRun:
             return self.reason
         before = self.robot.finger_opening(self.arm)
         width, mouth = self.plan.request.width, self.drive.hand.mouth
-        # A finger that goes on where the other meets nothing throws over what it pushes.
-        least = 0.0 if self.drive.hand.grip in _DO_NOT_TURN else narrowest_hold(width, mouth)
-        gave_way = self.drive.close(least=least)
+        gave_way = self.drive.close(least=self._narrowest())
         closed = self.drive.end("close").opening
         stuck = is_stuck(before, closed, width, mouth)
         if closed <= CLOSED_ON_SOMETHING or gave_way or stuck:
@@ -167,6 +165,15 @@ class AttemptRun:
             self.put_back()
             self._look_after()
         return self.reason
+
+    def _narrowest(self) -> float:
+        """Return the opening, 0..1, below which the fingers stop: 0 where the width is a guess."""
+        # A finger that goes on where the other meets nothing throws over what it pushes. How wide
+        # a thing is at a pose in space, whose far side no view may show, is less certain.
+        request, hand = self.plan.request, self.drive.hand
+        if request.pose is not None or hand.grip in _DO_NOT_TURN:
+            return 0.0
+        return narrowest_hold(request.width, hand.mouth)
 
     def _lift_further(self) -> None:
         """Lift the hand higher, once, if an end of what it holds is, or might be, on the table.
