@@ -354,6 +354,14 @@ class Pairing:
         doubt = doubtful_camera(lens.intrinsics)
         if doubt:
             self._warn_once(space, doubt, "camera")
+        aside = baseline_m(message) if is_rectified and image.topic in self.plan.depth else (0, 0)
+        if any(aside):
+            self._warn_once(
+                image.topic,
+                f"by its P it is {np.hypot(*aside):.3g} m beside its frame {image.frame_id}: places "
+                "in other frames are off by that",
+                "beside",
+            )
         return fitting
 
     def _leave_out(self, topic: str, reason: str) -> None:

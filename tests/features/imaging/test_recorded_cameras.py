@@ -281,6 +281,14 @@ def test_the_baseline_of_a_rectified_pair_is_read_from_p(tmp_path: Path) -> None
     assert not warnings
 
 
+def test_depth_beside_the_frame_that_it_names_is_said(tmp_path: Path) -> None:
+    drive = Drive()
+    drive.camera(INFO, p=[60.0, 0, 31.5, -60.0 * 0.07, 0, 60, 23.5, 0, 0, 0, 1, 0])
+    drive.image("/camera/depth/image_rect", 1005, "16UC1", depth_mm())
+    _, warnings = seen(drive, tmp_path)
+    assert ["0.07 m beside its frame optical" in one for one in warnings] == [True]
+
+
 def test_what_a_recording_holds_instead_is_named(tmp_path: Path) -> None:
     drive = Drive()
     text = drive.store.types["std_msgs/msg/String"]
