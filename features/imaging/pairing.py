@@ -358,8 +358,8 @@ class Pairing:
         if any(aside):
             self._warn_once(
                 image.topic,
-                f"by its P it is {np.hypot(*aside):.3g} m beside its frame {image.frame_id}: places "
-                "in other frames are off by that",
+                f"by its P it is {np.hypot(*aside):.3g} m beside its frame {image.frame_id}: "
+                "places in other frames are off by that",
                 "beside",
             )
         return fitting
