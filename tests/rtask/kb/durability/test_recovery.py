@@ -20,7 +20,6 @@ from rtask.kb.durability import journal as journal_module
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.durability.recovery import Checkpoint
 from rtask.kb.store.apply import apply
-from rtask.kb.store.embedded import LARGE
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import BlankNode, iri
 from tests.commands import run_program
@@ -49,16 +48,20 @@ def test_kills_lose_nothing_acknowledged_and_tear_nothing(kills: int) -> None:
     assert int(outcomes[1]) > 0
 
 
+_LARGE = 2_000
 _HALF = """
 import os, sys
 import rtask
-from rtask.kb.store.embedded import LARGE, EmbeddedStore
+from rtask.kb.commit import committer
+from rtask.kb.store import commit_writes, embedded
+from rtask.kb.store.embedded import EmbeddedStore
 
+committer.LARGE = commit_writes.LARGE = embedded.LARGE = int(sys.argv[3])
 kb = rtask.open(sys.argv[1], ontologies=False, reason=False)
 kb.update("INSERT DATA { <urn:old> <urn:p> 1 }")
 with kb.transaction() as tx:
     tx.remove("urn:old", "urn:p", 1)
-    for number in range(LARGE):
+    for number in range(int(sys.argv[3])):
         tx.add(f"urn:s{number}", "urn:p", number)
     if sys.argv[2] == "between":
         EmbeddedStore.update = lambda *_, **__: os._exit(9)
@@ -70,12 +73,12 @@ with kb.transaction() as tx:
 @pytest.mark.slow
 @pytest.mark.parametrize("moment", ["before", "between"])
 def test_a_large_change_killed_between_its_steps_is_completed(tmp_path: Path, moment: str) -> None:
-    done = run_program(_HALF, str(tmp_path), moment)
+    done = run_program(_HALF, str(tmp_path), moment, str(_LARGE))
     assert done.returncode == 9
     with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
         assert kb.seq == 2
         assert kb.match("urn:old") == []
-        assert len(kb.match(None, "urn:p")) == LARGE
+        assert len(kb.match(None, "urn:p")) == _LARGE
         assert kb.verify() == []
 
 
