@@ -18,12 +18,14 @@ from endpoint.commands import _opened
 from endpoint.http.messages import Request
 from endpoint.settings import Config
 from rtask.engine import Engine
+from rtask.kb.commit import committer
 from rtask.kb.durability.disk_space import RESERVE_BYTES
-from rtask.kb.store.embedded import LARGE
+from rtask.kb.store import commit_writes, embedded
 from rtask.knowledge_base import KnowledgeBase
 from tests.servers import new_application
 
 pytestmark = pytest.mark.slow
+_LARGE = 10_000
 
 
 @pytest.fixture
@@ -99,12 +101,16 @@ def test_the_reserve_of_a_killed_process_opens_the_folder_on_a_full_disk(small_d
         assert not (folder / "reserve").exists()
 
 
-def test_an_upload_that_fills_the_disk_is_refused_and_leaves_nothing(small_disk: Path) -> None:
+def test_an_upload_that_fills_the_disk_is_refused_and_leaves_nothing(
+    small_disk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (committer, commit_writes, embedded):
+        monkeypatch.setattr(module, "LARGE", _LARGE)  # stored in steps, of which one finds no room
     folder = small_disk / "kb"
     _make(folder)
     # Room for the journal's record and for a part of what goes into the store.
     _fill(small_disk, leave=22 << 20)
-    lines = (f'<urn:s{i}> <urn:p> "{i}{"x" * 1_100}" .\n' for i in range(LARGE + 1))
+    lines = (f'<urn:s{i}> <urn:p> "{i}{"x" * 1_100}" .\n' for i in range(_LARGE + 1))
     body = "".join(lines).encode()
     count = "SELECT (COUNT(*) AS ?n) { ?s ?p ?o FILTER(STRSTARTS(STR(?s), 'urn:s')) }"
     with ExitStack() as stack:
