@@ -98,11 +98,18 @@ class Looks:
         return HeightMap.of(points, x_range, y_range, floor, ceiling)
 
     def turn_in_hand(self) -> float | None:
-        """Return how far what is held has turned about the closing axis, rad; None if not seen."""
+        """Return how far what is held has turned about the closing axis, rad; None if not seen.
+
+        The hand may hide it in the look at its side, and not from straight ahead.
+        """
         plan, robot = self._plan, self._station.robot
-        points = self._station.eyes.points("left" if plan.request.y > 0 else "right")
-        points = points[points[:, 2] > plan.request.table_height + _OVER_TABLE_M]
         tool = robot.tool_pose(plan.arm)
         gap = robot.finger_opening(plan.arm) * robot.arm(plan.arm).mouth
         load = held_load(plan, self._station.space_of(plan.stance).chains[plan.arm])
-        return load.seen_turn((points - tool[:3, 3]) @ tool[:3, :3], gap)
+        for direction in ("left" if plan.request.y > 0 else "right", "ahead"):
+            points = self._station.eyes.points(direction)
+            points = points[points[:, 2] > plan.request.table_height + _OVER_TABLE_M]
+            turn = load.seen_turn((points - tool[:3, 3]) @ tool[:3, :3], gap)
+            if turn is not None:
+                return turn
+        return None
