@@ -7,9 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from rtask.errors import RobotError
-from simulate.robots.description import Joint
+from simulate.robots.description import Joint, Shape
 
-__all__ = ["from_the_root", "last_sources", "with_leading_slides"]
+__all__ = [
+    "from_the_root",
+    "has_shape_below",
+    "last_sources",
+    "links_below",
+    "with_leading_slides",
+]
 
 
 def last_sources(follows: Mapping[str, str]) -> dict[str, str]:
@@ -88,3 +94,21 @@ def from_the_root(path: Path, root: str, joints: Sequence[Joint]) -> Iterator[Jo
             lost = later[0].name
             raise RobotError(f"{path}: joint {lost!r} hangs on itself, not on the root {root!r}")
         waiting = later
+
+
+def links_below(
+    below: Mapping[str, Sequence[Joint]], link: str, known: frozenset[str] = frozenset()
+) -> Iterator[str]:
+    """Yield a link and all below it; a ring of joints, which is refused later, ends there."""
+    if link in known:
+        return
+    yield link
+    for joint in below.get(link, ()):
+        yield from links_below(below, joint.child, known | {link})
+
+
+def has_shape_below(
+    below: Mapping[str, Sequence[Joint]], shapes: Mapping[str, tuple[Shape, ...]], joint: Joint
+) -> bool:
+    """Return whether a link below a joint has a shape."""
+    return any(shapes.get(link) for link in links_below(below, joint.child))

@@ -31,7 +31,13 @@ from simulate.robots.urdf_doctor import (
     doubtful_turns,
     lost_sources,
 )
-from simulate.robots.urdf_joints import from_the_root, last_sources, with_leading_slides
+from simulate.robots.urdf_joints import (
+    from_the_root,
+    has_shape_below,
+    last_sources,
+    links_below,
+    with_leading_slides,
+)
 
 __all__ = ["ReadRobot", "read_urdf"]
 
@@ -51,10 +57,10 @@ _PREFIX = re.compile(rb"(</?|\s)([A-Za-z]\w*):(?=[\w.-]+[\s=/>])")
 _NOT_XML = (ET.ParseError, LookupError, ValueError)
 """The last two of an encoding that does not exist, or that the parser cannot read."""
 _SPEED = 1.0
+"""rad/s or m/s, of a joint that states none."""
 _UNIT_AXIS = 0.01
 _SLIDE_M = 0.1
 """Largest limit of a frozen joint that is taken for a slide's."""
-"""rad/s or m/s, of a joint that states none."""
 _GYRATION_M = 5.0
 """Radius of gyration that no link of a robot has."""
 
@@ -223,8 +229,10 @@ class _Reader:
         below: dict[str, list[Joint]] = {}
         for joint in joints:
             below.setdefault(joint.parent, []).append(joint)
-        bare = [j.child for j in joints if j.kind != "fixed" and not _has_shape(below, shapes, j)]
-        for name in dict.fromkeys(link for child in bare for link in _links_below(below, child)):
+        bare = [
+            j.child for j in joints if j.kind != "fixed" and not has_shape_below(below, shapes, j)
+        ]
+        for name in dict.fromkeys(link for child in bare for link in links_below(below, child)):
             element = elements.get(name)
             if self._strict or element is None or element.find("visual") is None:
                 continue
@@ -469,23 +477,6 @@ class _Reader:
         if origin is None:
             return Pose()
         return Pose(self._vector(where, origin, "xyz"), self._vector(where, origin, "rpy"))
-
-
-def _links_below(
-    below: Mapping[str, Sequence[Joint]], link: str, known: frozenset[str] = frozenset()
-) -> Iterator[str]:
-    """Yield a link and all below it; a ring of joints, which is refused later, ends there."""
-    if link in known:
-        return
-    yield link
-    for joint in below.get(link, ()):
-        yield from _links_below(below, joint.child, known | {link})
-
-
-def _has_shape(
-    below: Mapping[str, Sequence[Joint]], shapes: Mapping[str, tuple[Shape, ...]], joint: Joint
-) -> bool:
-    return any(shapes.get(link) for link in _links_below(below, joint.child))
 
 
 def _hint(text: str) -> str:
