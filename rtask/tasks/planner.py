@@ -16,11 +16,12 @@ from rtask.tasks.goals import LOCATED, Aim, Target, read_aims, targets
 from rtask.tasks.names import names_of
 from rtask.tasks.outcomes import Experience, read_experience
 from rtask.tasks.plan import Refusal, TaskPlan
+from rtask.tasks.planning.mutexes import CrowdedGoal, crowded_goals
 from rtask.tasks.planning.pddl import write_pddl
 from rtask.tasks.planning.problem import Action, Atom, Goal, Parameter, Problem, Step
 from rtask.tasks.planning.search import find_plan, goal_costs
 from rtask.tasks.planning.unsolvable import Obstacle, explain_unsolvable
-from rtask.tasks.reasons import refusal
+from rtask.tasks.reasons import crowded, refusal
 from rtask.tasks.sentences import aims_in_words
 from rtask.tasks.steps import Wording, planned_steps
 
@@ -100,12 +101,14 @@ def plan_goal(
         obstacles = explain_unsolvable(problem, task.mendable, require_time)
     # A plan for what is possible is worth more than none; what is left out is told as refused.
     possible = _without(problem, obstacles)
+    left_over = crowded_goals(possible, require_time)
+    possible = _without(possible, left_over)
     solution = _search(task, possible, max_states, require_time) if possible.goals else None
-    return _result(select, given, task, problem, obstacles, solution, assumed)
+    return _result(select, given, task, problem, (*obstacles, *left_over), solution, assumed)
 
 
-def _without(problem: Problem, obstacles: Sequence[Obstacle]) -> Problem:
-    """Return a problem without the goals that are out of reach."""
+def _without(problem: Problem, obstacles: Sequence[Obstacle | CrowdedGoal]) -> Problem:
+    """Return a problem without the goals that are out of reach, or find no room."""
     refused = {obstacle.goal for obstacle in obstacles}
     return replace(problem, goals=tuple(goal for goal in problem.goals if goal not in refused))
 
@@ -276,7 +279,7 @@ def _result(
     given: str | Mapping[str, Any],
     task: _Task,
     problem: Problem,
-    obstacles: Sequence[Obstacle],
+    obstacles: Sequence[Obstacle | CrowdedGoal],
     solution: _Sequence | None,
     assumed: tuple[Atom, ...],
 ) -> TaskPlan:
@@ -289,7 +292,10 @@ def _result(
     pddl = write_pddl(problem)
     refusals: list[Refusal] = []
     for obstacle in obstacles[:_MAX_REFUSALS]:
-        refusals.append(refusal(select, problem, obstacle, task.mendable, robots, wording))
+        if isinstance(obstacle, CrowdedGoal):
+            refusals.append(crowded(obstacle, wording))
+        else:
+            refusals.append(refusal(select, problem, obstacle, task.mendable, robots, wording))
     if len(obstacles) > _MAX_REFUSALS:
         goal = f"{len(obstacles) - _MAX_REFUSALS} more goals"
         refusals.append(Refusal(goal, "out of reach, too; ask for each alone to see why", (), {}))

@@ -9,11 +9,12 @@ from rtask.rdf.namespaces import PREFIXES, RT, local_name
 from rtask.rdf.terms import NamedNode
 from rtask.tasks.actions import Select
 from rtask.tasks.plan import Refusal
-from rtask.tasks.planning.problem import Atom, Problem
+from rtask.tasks.planning.mutexes import CrowdedGoal
+from rtask.tasks.planning.problem import Atom, Goal, Problem
 from rtask.tasks.planning.unsolvable import Obstacle, explain_unsolvable
 from rtask.tasks.steps import Wording, excluded_by, excluded_link, statement_of
 
-__all__ = ["refusal"]
+__all__ = ["crowded", "refusal"]
 
 _MAX_ROBOTS = 6
 _LIMITS = """
@@ -38,7 +39,7 @@ def refusal(
     if not obstacle.missing:
         mendable = {**mendable, **_absences(problem)}
         [obstacle] = explain_unsolvable(replace(problem, goals=(obstacle.goal,)), mendable)
-    goal = " or ".join(wording.atom(atom) for atom in obstacle.goal[:3])
+    goal = _goal_text(obstacle.goal, wording)
     alone: dict[str, str] = {}
     for robot, _ in robots[_MAX_ROBOTS:]:
         alone[robot] = f"not looked at: only the first {_MAX_ROBOTS} robots are"
@@ -50,6 +51,24 @@ def refusal(
     text = _remedy(select, obstacle, wording) if obstacle.missing else _nothing(problem, obstacle)
     statements = (statement_of(atom) for atom in obstacle.missing)
     return Refusal(goal, text, tuple(item for item in statements if item is not None), alone)
+
+
+def crowded(goal: CrowdedGoal, wording: Wording) -> Refusal:
+    """Return why a goal finds no room beside the others."""
+    names = [wording.name(taker) for taker in goal.takers[:_MAX_ROBOTS]]
+    more = len(goal.takers) - len(names)
+    listed = " and ".join(names) + (f" and {more} more" if more else "")
+    verb = "takes one thing" if len(goal.takers) == 1 else "take one thing each"
+    return Refusal(
+        _goal_text(goal.goal, wording),
+        f"{listed} {verb} at a time, and other goals want that; ask for fewer, or another place",
+        (),
+        {},
+    )
+
+
+def _goal_text(goal: Goal, wording: Wording) -> str:
+    return " or ".join(wording.atom(atom) for atom in goal[:3])
 
 
 def _absences(problem: Problem) -> dict[str, float]:

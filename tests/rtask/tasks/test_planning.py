@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from rtask.errors import SearchLimit
+from rtask.tasks.planning.mutexes import crowded_goals
 from rtask.tasks.planning.problem import Action, Parameter, Problem
 from rtask.tasks.planning.search import find_plan, goal_costs
 from rtask.tasks.planning.unsolvable import explain_unsolvable
@@ -140,3 +141,39 @@ def test_a_goal_that_no_permitted_fact_would_mend_says_so():
 def test_an_action_over_an_undeclared_name_is_refused():
     with pytest.raises(ValueError, match="names x, which is no parameter"):
         Action("look", (), (("seen", "x"),), (), (), fixed_estimate(1.0))
+
+
+def _held(things: int, *robots: str) -> tuple:
+    return tuple(tuple(("holding", r, f"thing{n}") for r in robots) for n in range(things))
+
+
+def test_no_more_goals_than_hands_find_room_and_those_that_hold_already_keep_theirs():
+    problem = lab(3, 2)
+    assert not crowded_goals(problem), "any number of things stands at one place"
+    assert not crowded_goals(replace(problem, goals=_held(2, "robot0", "robot1")))
+    (left,) = crowded_goals(replace(problem, goals=_held(3, "robot0", "robot1")))
+    assert sorted(left.takers) == ["robot0", "robot1"]
+    holds = (problem.facts - {("free", "robot0"), ("at", "thing2", "place2")}) | {
+        ("holding", "robot0", "thing2")
+    }
+    goals = _held(3, "robot0")
+    left_out = crowded_goals(replace(problem, facts=holds, goals=goals))
+    assert [item.goal for item in left_out] == list(goals[:2])
+
+
+def test_goals_that_one_fact_fulfils_do_not_crowd_each_other():
+    either = (("holding", "robot0", "thing0"), ("at", "thing0", "place0"))
+    goals = (either, (("holding", "robot0", "thing0"),))
+    assert not crowded_goals(replace(lab(1, 1), goals=goals))
+
+
+def test_hands_that_hold_several_things_are_not_taken_for_full():
+    both = Action(
+        "scoop", (Parameter("r", "robot"), Parameter("o", "thing"), Parameter("l", "place")),
+        (("at", "o", "l"), ("reaches", "r", "l")), (("holding", "r", "o"),), (("at", "o", "l"),),
+        fixed_estimate(1.0),
+    )  # fmt: skip
+    problem = replace(lab(2, 1), goals=_held(2, "robot0"))
+    problem = replace(problem, actions=(*problem.actions, both))
+    assert not crowded_goals(problem)
+    assert find_plan(problem) is not None

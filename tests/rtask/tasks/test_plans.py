@@ -308,3 +308,11 @@ def test_the_command_prints_steps_reasons_and_formats_and_stores(tmp_path, capsy
     code, _, err = run("pen into the right box", "--store", "--agent", "ann")
     assert (code, "stored as " in err) == (0, True)
     assert "undo: rtask undo" in err
+
+
+def test_more_things_than_a_hand_takes_are_refused_one_by_one_without_a_search(kb):
+    plan = kb.tasks.plan("put the pen and the jug to panda-1")
+    assert not plan.is_complete
+    assert [local_name(step.action) for step in plan.steps] == ["Grasp"]
+    (left,) = plan.refusals
+    assert left.text.startswith("panda-1 hand takes one thing at a time, and other goals want")
