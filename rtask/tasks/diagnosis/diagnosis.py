@@ -11,7 +11,13 @@ from typing import Any
 from rtask.tasks.diagnosis.attempt import Failure
 from rtask.tasks.diagnosis.changes import Change, changes_of
 from rtask.tasks.diagnosis.evidence import Clue, clues_of
-from rtask.tasks.diagnosis.hypotheses import HOLDS, Hypothesis, hypotheses_of, report_chance
+from rtask.tasks.diagnosis.hypotheses import (
+    HOLDS,
+    UNKNOWN,
+    Hypothesis,
+    hypotheses_of,
+    report_chance,
+)
 from rtask.tasks.diagnosis.words import cause_in_words
 
 __all__ = ["Cause", "Diagnosis", "diagnose"]
@@ -19,6 +25,8 @@ __all__ = ["Cause", "Diagnosis", "diagnose"]
 BOUND = 0.6
 """Chance at which a change is taken to mend a failure."""
 _LIKELY = 0.05
+_TOLD_APART = 0.1
+"""A change that is surer than the same once more by less than this is not told apart from it."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +36,8 @@ class Cause:
     Parameters
     ----------
     kind
-        Its code: centre_of_mass, weak_zone, slippery, stale_place ...
+        Its code: centre_of_mass, weak_zone, slippery, stale_place ...; unknown where it is none
+        that has a code.
     chance
         0..1, given all that the graph knows.
     text
@@ -59,22 +68,28 @@ class Diagnosis:
     failure
         What failed, and what is known around it.
     causes
-        Likeliest first; those below one in twenty are left out.
+        Likeliest first; those below one in twenty are left out, unknown never.
     change
-        The smallest one under which it would have held; None where nothing failed.
+        The smallest one under which it would have held, else the surest, which may be the same
+        once more; None where nothing failed.
     others
         Further changes that might mend it, by their chance.
+    again
+        Chance that the same once more holds, 0..1.
     """
 
     failure: Failure
     causes: tuple[Cause, ...]
     change: Change | None
     others: tuple[Change, ...]
+    again: float = 0.0
 
     @property
     def mends(self) -> bool:
-        """Whether the change is expected to suffice."""
-        return self.change is not None and self.change.chance >= BOUND
+        """Whether the change is expected to suffice; never where the likeliest cause is unknown."""
+        if self.change is None or (self.causes and self.causes[0].kind == UNKNOWN):
+            return False
+        return self.change.chance >= BOUND
 
     @property
     def text(self) -> str:
@@ -87,9 +102,14 @@ class Diagnosis:
             lines += [f"          {clue}" for clue in cause.evidence]
         if self.failure.is_cut:
             lines.append(f"  judged by the latest {len(self.failure.others)} other attempts alone")
-        if self.change is not None:
-            verb = "it would have held" if self.mends else "nothing known would mend it; at best"
-            lines.append(f"{verb} (chance {self.change.chance:.2f}): {self.change.text}")
+        if self.change is not None and self.mends:
+            chance = self.change.chance
+            lines.append(f"it would have held (chance {chance:.2f}): {self.change.text}")
+        elif self.change is not None:
+            lines.append("no change that is known would have mended it")
+            if self.change.chance - self.again < _TOLD_APART:
+                return "\n".join(lines)
+            lines.append(f"  at best ({self.change.chance:.2f}): {self.change.text}")
         lines += [f"  or ({change.chance:.2f}): {change.text}" for change in self.others]
         return "\n".join(lines)
 
@@ -118,13 +138,14 @@ def diagnose(failure: Failure) -> Diagnosis:
             for hypothesis, chance in zip(hypotheses, chances, strict=True)
         )
         changes.append(change.with_chance(held))
+    again = next((change.chance for change in changes if change.kind == "again"), 0.0)
     # The smallest that suffices; of equally small ones, the surest; without any, the surest at all.
     changes.sort(key=lambda change: (change.chance < BOUND, change.size, -change.chance))
     if changes and changes[0].chance < BOUND:
         changes.sort(key=lambda change: -change.chance)
     others = _distinct(changes[1:], changes[:1])
     causes = _causes(failure, hypotheses, chances, clues)
-    return Diagnosis(failure, causes, changes[0] if changes else None, others)
+    return Diagnosis(failure, causes, changes[0] if changes else None, others, again)
 
 
 def _posterior(
@@ -161,7 +182,11 @@ def _causes(
         for kind, parts in members.items()
     ]  # fmt: skip
     causes.sort(key=lambda cause: (-cause.chance, cause.kind))
-    return tuple(cause for k, cause in enumerate(causes) if k == 0 or cause.chance >= _LIKELY)
+    return tuple(
+        cause for k, cause in enumerate(causes)
+        # How much is left to causes that nobody thought of is part of every answer.
+        if k == 0 or cause.chance >= _LIKELY or cause.kind == UNKNOWN
+    )  # fmt: skip
 
 
 def _distinct(changes: Sequence[Change], before: Sequence[Change]) -> tuple[Change, ...]:

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from grasp.learning.causes import HiddenHypothesis, hidden_hypotheses
 from rtask.tasks.diagnosis.attempt import Failure, Try
 
-__all__ = ["HOLDS", "Hypothesis", "hypotheses_of", "report_chance"]
+__all__ = ["HOLDS", "UNKNOWN", "Hypothesis", "hypotheses_of", "report_chance"]
 
 HOLDS = 0.85
 """Chance to hold where nothing speaks against it."""
+UNKNOWN = "unknown"
+"""Kind of the hypothesis that the cause is none of the others."""
 _RARELY = 0.1
 _SOMETIMES = 0.2
 _CODES = 38.0
@@ -46,11 +48,16 @@ _REPORTS: Mapping[str, Mapping[str, float]] = {
     "declined": {"declined": 0.5, "stopped_by_human": 0.48},
     "chance": {"slip_lift": 0.15, "missed": 0.15, "slip_hold": 0.1, "slip_transport": 0.08,
                "touched": 0.05, "drop_outside": 0.05},
+    # Flat over what robots report where they only notice that it went wrong: what nobody has
+    # thought of may look like any of these, and is seldom reported as something that has a name.
+    UNKNOWN: dict.fromkeys(("slip_lift", "slip_hold", "slip_transport", "missed", "touched",
+                            "tracking", "pushed_away", "no_match"), 0.1),
 }  # fmt: skip
 _PRIORS = {
     "slippery": 0.08, "fragile": 0.03, "poor_grasp": 0.1, "weak_hand": 0.06, "hardware": 0.03,
     "wrong_identity": 0.07, "stale_place": 0.1, "collision": 0.08, "late": 0.04, "dropped": 0.06,
     "too_heavy": 0.04, "too_wide": 0.04, "out_of_reach": 0.06, "declined": 0.03, "chance": 0.1,
+    UNKNOWN: 0.15,
 }  # fmt: skip
 _HIDDEN = 0.24
 """Chance that the centre of mass is off, or a zone is weak, half each."""
@@ -159,6 +166,8 @@ def _share_of(kind: str, own: Try) -> Share:
             and (own.place or tried.thing == own.thing) else 1.0
         ),
         "chance": lambda tried: 1.0,
+        # Nothing is known that would help against it, and other occasions say nothing about it.
+        UNKNOWN: lambda tried: 1.0 if tried.is_other else _SOMETIMES,
     }  # fmt: skip
     return shares[kind]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rtask.tasks.diagnosis.attempt import Failure
-from rtask.tasks.diagnosis.hypotheses import Hypothesis
+from rtask.tasks.diagnosis.hypotheses import UNKNOWN, Hypothesis
 
 __all__ = ["cause_in_words"]
 
@@ -25,6 +25,7 @@ _WORDS = {
     "out_of_reach": "the arm cannot get there",
     "declined": "a person did not want it",
     "chance": "no particular cause; it usually holds",
+    UNKNOWN: "another cause, which is none of those that are known here",
 }
 
 

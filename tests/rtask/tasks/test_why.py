@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -13,6 +14,8 @@ from rtask.engine import Engine
 from rtask.errors import UnknownTermError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES
+from rtask.tasks.diagnosis import diagnose
+from rtask.tasks.diagnosis.attempt import Failure, Hand, Try
 from rtask.tasks.diagnosis.hypotheses import report_chance
 from tests.rtask.tasks.conftest import BASE, LAB, TABLE
 
@@ -109,6 +112,39 @@ def test_a_hand_that_fails_at_everything_is_replaced_by_another(engine):
     assert answer.change.robot.endswith("panda-1")
 
 
+def failure(reason, *others):
+    own = Try(Hand("hand", "robot"), "product", "thing", along=0.05, reason=reason)
+    past = tuple(
+        replace(own, held=held, reason="", along=along, is_other=True) for along, held in others
+    )
+    return Failure("task", "task", "", "it picks a pen up", own, length=0.2, others=past)
+
+
+@pytest.mark.parametrize("reason", ["tracking", "pushed_away"])
+def test_what_nothing_known_explains_has_another_cause_and_no_claim_of_a_change(reason):
+    answer = diagnose(
+        failure(reason, *((along, True) for along in (-0.07, -0.03, 0.0, 0.05, 0.08)))
+    )
+    assert answer.causes[0].kind == "unknown", answer.text
+    assert not answer.mends
+    assert "another cause, which is none of those that are known here" in answer.text
+    assert "no change that is known would have mended it" in answer.text
+    assert "it would have held" not in answer.text
+
+
+def test_the_chance_of_another_cause_is_part_of_an_answer_that_is_sure_of_a_known_one():
+    answer = diagnose(failure("hardware", (0.0, True)))
+    assert (answer.causes[0].kind, answer.mends) == ("hardware", False)  # there is no other hand
+    (left,) = [cause.chance for cause in answer.causes if cause.kind == "unknown"]
+    assert 0.0 < left < 0.1
+
+
+def test_a_change_that_is_not_told_apart_from_failing_again_is_not_offered():
+    answer = diagnose(failure("hardware"))
+    assert answer.change.chance - answer.again < 0.1
+    assert answer.text.endswith("no change that is known would have mended it")
+
+
 def test_a_caller_is_told_only_what_it_may_read(engine):
     attempt = tried(engine, NAO, 0.0, "slip_lift")
     guest = Access("guest", "reader", frozenset({f"read:{BASE}graph/agent/guest"}))
@@ -174,4 +210,6 @@ def test_the_command_prints_the_cause_and_the_change(tmp_path, capsys):
 def test_reports_of_each_cause_are_chances():
     codes = ["slip_lift", "missed", "hardware", "ik"]
     assert all(0 < report_chance("chance", code) < 1 for code in codes)
+    # Whoever does not know the cause must not know its report: none is likelier than a tenth.
+    assert max(report_chance("unknown", code) for code in (*codes, "touched", "crushed")) <= 0.1
     assert report_chance("out_of_reach", "ik") > 10 * report_chance("slippery", "ik")
