@@ -50,8 +50,9 @@ _REPORTS: Mapping[str, Mapping[str, float]] = {
                "touched": 0.05, "drop_outside": 0.05},
     # Flat over what robots report where they only notice that it went wrong: what nobody has
     # thought of may look like any of these, and is seldom reported as something that has a name.
+    # An arm that cannot follow (tracking) is no such: with it, dead arms were called unknown.
     UNKNOWN: dict.fromkeys(("slip_lift", "slip_hold", "slip_transport", "missed", "touched",
-                            "tracking", "pushed_away", "no_match"), 0.1),
+                            "pushed_away", "no_match"), 0.1),
 }  # fmt: skip
 _PRIORS = {
     "slippery": 0.08, "fragile": 0.03, "poor_grasp": 0.1, "weak_hand": 0.06, "hardware": 0.03,

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import click
+
 from simulate import options
 from simulate.study.chart import bar_chart, share_bar
 from simulate.study.command import study_command
@@ -14,22 +16,30 @@ from simulate.study.intervals import wilson
 
 __all__ = ["summary_of", "why"]
 
-_COLUMNS = ("injected", "failures", "cause first", "among three", "mended", "by the same again")
+_COLUMNS = ("injected", "failures", "cause first", "among three", "mended", "said to mend",
+            "of these mended", "by the same again")  # fmt: skip
 _CHART = "shares.png"
 
 
 @study_command("rtask-why", with_preset=False)
 @options.trials(60, "Number of failures; twelve kinds take turns.")
 @options.seed("every failure")
-def why(trials: int, seed: int) -> Study:
+@click.option(
+    "--open",
+    "is_open",
+    is_flag=True,
+    help="Four kinds instead that no hypothesis is about and no change mends.",
+)
+def why(trials: int, seed: int, is_open: bool) -> Study:
     """Measure how often `rtask why` names the cause of an injected failure, and mends it.
 
     After some attempts of a Nao and a Panda at a table, one fails for a cause that the graph does
     not know. The change that the answer proposes is carried out under the same cause. The lab has
-    no dynamics.
+    no dynamics. With --open the right answer is that the cause is unknown.
     """
     path = "simulate.study.why.trial:run_trial"
-    return Study("why", path, {"seed": seed}, trials, _describe)
+    settings = {"seed": seed, **({"is_open": True} if is_open else {})}
+    return Study("why", path, settings, trials, _describe)
 
 
 def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
@@ -41,6 +51,7 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
                         ("again", "the same again held")):  # fmt: skip
         low, high = summary[f"{name}_95"]
         lines.append(f"{words}: {summary[name]} of {summary['failures']}, {low:.2f} to {high:.2f}")
+    lines.append(f"said to mend: {summary['said']}, of which {summary['said_held']} did")
     lines.append(
         f"processor time of a question: mean {summary['asked_s']:.2f} s, longest "
         f"{summary['longest_s']:.2f} s"
@@ -61,10 +72,12 @@ def summary_of(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "held": sum(result["holds"] for result in results),
         "again": sum(result["again_holds"] for result in results),
     }
+    said = [result for result in results if result["mends"]]
     times = [result["asked_s"] for result in results]
     kinds = dict.fromkeys(result["kind"] for result in results)
     return {
         "failures": number, **counts,
+        "said": len(said), "said_held": sum(result["holds"] for result in said),
         **{f"{name}_95": list(wilson(count, number)) for name, count in counts.items()},
         "asked_s": sum(times) / max(number, 1), "longest_s": max(times, default=0.0),
         "by_kind": {kind: _row([r for r in results if r["kind"] == kind]) for kind in kinds},
@@ -77,5 +90,7 @@ def _row(results: Sequence[Mapping[str, Any]]) -> dict[str, int]:
         "failures": len(results), "cause first": sum(r["is_right"] for r in results),
         "among three": sum(r["is_among_three"] for r in results),
         "mended": sum(r["holds"] for r in results),
+        "said to mend": sum(r["mends"] for r in results),
+        "of these mended": sum(r["mends"] and r["holds"] for r in results),
         "by the same again": sum(r["again_holds"] for r in results),
     }  # fmt: skip

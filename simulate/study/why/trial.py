@@ -14,7 +14,7 @@ import rtask
 from rtask.engine import Engine
 from rtask.rdf.namespaces import PREFIXES
 from simulate.study.tasks.trial import lab_update
-from simulate.study.why.truth import KINDS, Deed, Truth
+from simulate.study.why.truth import KINDS, OPEN_KINDS, Deed, Truth
 from simulate.world.seeds import stream
 
 __all__ = ["run_trial"]
@@ -68,7 +68,9 @@ class _Lab:
 def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """Return what was answered about one failure, and what came of the change."""
     rng = stream(settings["seed"], _STREAM, number)
-    kind = KINDS[number % len(KINDS)]
+    kinds = OPEN_KINDS if settings.get("is_open") else KINDS
+    kind = kinds[number % len(kinds)]
+    right = "unknown" if kind in OPEN_KINDS else kind
     robot = "nao-1" if kind == "too_heavy" else str(rng.choice(_ROBOTS))
     truth = Truth(kind, robot, rng)
     with rtask.open(":memory:", base=_BASE) as kb, Engine(kb) as engine:
@@ -84,8 +86,8 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         return {
             "kind": kind, "says": answer["causes"][0]["kind"], "reason": answer["reason"],
             "chance": answer["causes"][0]["chance"],
-            "is_right": answer["causes"][0]["kind"] == kind,
-            "is_among_three": kind in [cause["kind"] for cause in answer["causes"][:3]],
+            "is_right": answer["causes"][0]["kind"] == right,
+            "is_among_three": right in [cause["kind"] for cause in answer["causes"][:3]],
             "change": answer["change"]["kind"], "expected": answer["change"]["chance"],
             "mends": answer["mends"], "again_holds": _holds(lab, deed, {"kind": "again"}),
             "holds": _holds(lab, deed, answer["change"]), "asked_s": asked_s,

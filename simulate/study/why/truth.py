@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-__all__ = ["KINDS", "Deed", "Truth"]
+__all__ = ["KINDS", "OPEN_KINDS", "Deed", "Truth"]
 
 _HOLDS = 0.95
 _REPORTS: Mapping[str, Mapping[str, float]] = {
@@ -32,6 +32,14 @@ _REPORTS: Mapping[str, Mapping[str, float]] = {
 }  # fmt: skip
 KINDS = tuple(_REPORTS)
 """Kinds of failures that are injected."""
+_OPEN_REPORTS: Mapping[str, Mapping[str, float]] = {
+    "held_by_child": {"slip_lift": 0.4, "tracking": 0.3, "touched": 0.3},
+    "power_sags": {"tracking": 0.4, "slip_hold": 0.3, "timed_out": 0.3},
+    "camera_shifted": {"missed": 0.6, "touched": 0.2, "pushed_away": 0.2},
+    "vacuum": {"slip_lift": 0.5, "slip_hold": 0.2, "came_apart": 0.3},
+}
+OPEN_KINDS = tuple(_OPEN_REPORTS)
+"""Kinds that no hypothesis is about, and that no change mends: all robots fail on that occasion."""
 _CURES = {"wrong_identity": "recognise", "stale_place": "look", "collision": "clear",
           "late": "earlier", "dropped": "look"}  # fmt: skip
 _ANYWAY = ("missed", "slip_lift", "slip_hold", "touched")
@@ -66,7 +74,7 @@ class Truth:
     Parameters
     ----------
     kind
-        One of :data:`KINDS`.
+        One of :data:`KINDS`, or of :data:`OPEN_KINDS`.
     robot
         Name of the robot that fails.
     rng
@@ -91,6 +99,8 @@ class Truth:
         is_occasion
             Whether it is the failure that is asked about, or a change of it.
         """
+        if self.kind in OPEN_KINDS:
+            return deed.is_product and is_occasion
         if self.kind in _CURES:
             return is_occasion and deed.before != _CURES[self.kind] and not self._gets_around(deed)
         rng, is_own = self.rng, deed.robot == self.robot
@@ -126,7 +136,7 @@ class Truth:
 
     def report(self) -> str:
         """Return what a robot reports when the cause has made it fail."""
-        reports = _REPORTS[self.kind]
+        reports = {**_REPORTS, **_OPEN_REPORTS}[self.kind]
         return _drawn(tuple(reports), list(reports.values()), self.rng)
 
 

@@ -120,7 +120,7 @@ def failure(reason, *others):
     return Failure("task", "task", "", "it picks a pen up", own, length=0.2, others=past)
 
 
-@pytest.mark.parametrize("reason", ["tracking", "pushed_away"])
+@pytest.mark.parametrize("reason", ["touched", "pushed_away"])
 def test_what_nothing_known_explains_has_another_cause_and_no_claim_of_a_change(reason):
     answer = diagnose(
         failure(reason, *((along, True) for along in (-0.07, -0.03, 0.0, 0.05, 0.08)))

@@ -7,7 +7,7 @@ import pytest
 
 from simulate.study.why.command import summary_of
 from simulate.study.why.trial import run_trial
-from simulate.study.why.truth import KINDS, Deed, Truth
+from simulate.study.why.truth import KINDS, OPEN_KINDS, Deed, Truth
 
 pytestmark = pytest.mark.slow
 
@@ -30,11 +30,29 @@ def test_what_was_injected_makes_the_same_fail_again_and_its_cure_hold():
     assert sum(cured) >= 40  # one in twenty fails without a cause
 
 
+@pytest.mark.parametrize("kind", OPEN_KINDS)
+def test_nothing_mends_what_no_hypothesis_is_about_and_other_occasions_hold(kind):
+    truth = Truth(kind, "nao-1", np.random.default_rng(0))
+    for robot in ("nao-1", "panda-1"):
+        for before in ("", "look", "recognise", "clear", "earlier", "ask", "grasp", "hand"):
+            assert truth.fails(Deed(robot, 0.2, before=before), is_occasion=True)
+        assert not truth.fails(Deed(robot, 0.2), is_occasion=False)
+
+
+def test_the_right_answer_to_what_no_hypothesis_is_about_is_that_it_is_unknown():
+    result = run_trial({"seed": 1, "is_open": True}, 1)
+    assert result["kind"] == OPEN_KINDS[1]
+    assert result["is_right"] == (result["says"] == "unknown")
+    assert (result["holds"], result["again_holds"]) == (False, False)
+
+
 def test_figures_count_causes_and_changes():
     result = {
         "kind": "late", "is_right": True, "is_among_three": True, "holds": False,
-        "again_holds": False, "asked_s": 0.5,
+        "again_holds": False, "asked_s": 0.5, "mends": True,
     }  # fmt: skip
     summary = summary_of([result, {**result, "holds": True, "is_right": False}])
     assert (summary["right"], summary["held"], summary["again"]) == (1, 1, 0)
+    assert (summary["said"], summary["said_held"]) == (2, 1)
+    assert summary["by_kind"]["late"]["of these mended"] == 1
     assert summary["by_kind"]["late"]["failures"] == 2
