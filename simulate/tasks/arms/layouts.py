@@ -109,6 +109,17 @@ def place_things(
             return arrange(specs, rng, workplace=layout.table)
         except ValueError as error:
             raise UsageError(str(error)) from error
+    for _ in range(_RESTARTS):
+        placed = _placed_in_turn(layout, specs, rng)
+        if placed is not None:
+            return placed
+    raise UsageError(f"the table has no room for {len(specs)} things; ask for fewer")
+
+
+def _placed_in_turn(
+    layout: Layout, specs: list[ObjectSpec], rng: np.random.Generator
+) -> list[Placement] | None:
+    """Return places one after another; None where the first ones leave no room for the last."""
     areas = [area for area in layout.areas if not area.is_box]
     placed: list[Placement] = []
     for number, spec in enumerate(specs):
@@ -122,11 +133,12 @@ def place_things(
                 placed.append(spot)
                 break
         else:
-            raise UsageError(f"the table has no room for {len(specs)} things; ask for fewer")
+            return None
     return placed
 
 
 _TRIES = 300
+_RESTARTS = 20
 _GAP_M = 0.025
 
 

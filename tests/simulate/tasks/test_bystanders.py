@@ -30,7 +30,7 @@ def place_of(graph, thing: str) -> str:
     return str(rows[0]["at"]) if rows else ""
 
 
-def test_what_stood_beside_a_motion_is_looked_for_after_it(tmp_path):
+def test_what_stood_beside_a_motion_is_looked_for_after_it(tmp_path, monkeypatch):
     layout = own_table("panda-1", "panda")
     spots = {name: (sum(layout.area(name).x) / 2, sum(layout.area(name).y) / 2)
              for name in ("left half", "right half")}  # fmt: skip
@@ -72,6 +72,14 @@ def test_what_stood_beside_a_motion_is_looked_for_after_it(tmp_path):
             assert body.displaced() == {}, "another robot has taken it meanwhile"
             bench.put(body_of_other, *spots["right half"])
             planner.call("state_place", thing=other, place=at["right half"])
+            with monkeypatch.context() as hidden:
+                sight, views = body._sight, body.robot.viewpoints
+                hidden.setattr(body.robot, "viewpoints", lambda area: views(area)[:1] * 2)
+                hidden.setattr(body, "_sight", lambda item, place, number=0: (
+                    sight(item, place) if number else None
+                ))  # fmt: skip
+                assert body.find(other) == at["right half"], "seen from another side alone"
+                assert body.sees(other, at["right half"]), "or it would be planned for for ever"
             body._bystanders.note(taken)
             bench.put(body_of_other, *_GONE)
             assert body.displaced() == {other: None}
