@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NoReturn
 
 import httpx
 from pyoxigraph import BlankNode, NamedNode, Quad, RdfFormat
 
-from rtask.errors import UnsupportedError
+from rtask.errors import UnsupportedError, UsageError
 from rtask.graph import Changes, Graph
 from rtask.rdf.terms import (
     Subject,
@@ -260,6 +260,13 @@ class RemoteKnowledgeBase(Graph):
         if name in _WITHOUT:
             raise UnsupportedError(f"{name} needs the embedded store; {_WITHOUT[name]}")
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+    def __reduce__(self) -> NoReturn:
+        # Its token would go with it to wherever it is unpickled.
+        raise UsageError(
+            "an open knowledge base is neither pickled nor copied: it holds a connection and a "
+            f"token; pass on where it is ({self.query_url}), and open that in the other process"
+        )
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.query_url}>"
