@@ -19,7 +19,7 @@ from pathlib import Path
 from tests.prewarmed import ForkedProcess, Prewarmed
 
 CommandProcess = subprocess.Popen[str] | ForkedProcess
-_PATIENCE_S = 120.0
+_PATIENCE_S = 300.0  # a page of examples takes 20 s idle, and minutes beside seven others
 
 
 @functools.cache

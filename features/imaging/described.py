@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any
 
 from features.imaging.topics import sensor_of
@@ -88,7 +89,9 @@ class CameraDescriptions:
         doubt, frame = "", frame.lstrip("/")
         candidates = list(of_space.get(frame, ()))
         if not candidates:
-            candidates = sorted((each for few in of_space.values() for each in few), key=_by_order)
+            candidates = sorted(
+                (each for few in of_space.values() for each in few), key=attrgetter("order")
+            )
             frames = sorted(name for name in of_space if name)
             if frame and frames:
                 doubt = (
@@ -99,10 +102,6 @@ class CameraDescriptions:
         at_once = [each for each in candidates if stamp_s and each.stamp_s == stamp_s]
         before = [each for each in at_once or candidates if order is None or each.order <= order]
         return (before[-1] if before else (at_once or candidates)[0]), doubt
-
-
-def _by_order(described: Described) -> int:
-    return described.order
 
 
 def stamp_of(message: Mapping[str, Any]) -> float:

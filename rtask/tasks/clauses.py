@@ -8,7 +8,7 @@ box, and "everything except the cups and the bottles" moved the bottles.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from rtask.asking.questions.mentions import Mention
 from rtask.asking.questions.words import stem
@@ -62,9 +62,9 @@ class Name:
     def role(self, *roles: str) -> Mention | None:
         """Return what it names in the first of some roles that it has; None for none."""
         for role in roles:
-            found = next((item for item in self.mentions if item.role == role), None)
-            if found is not None:
-                return found
+            mention = next((item for item in self.mentions if item.role == role), None)
+            if mention is not None:
+                return mention
         return None
 
 
@@ -303,7 +303,7 @@ class _Reader:
     def _stands_for_noun(self) -> bool:
         phrase = self._phrase
         described = bool(phrase.colours or phrase.other_colours)
-        is_after_article = self._last == "the" and (self._is_out or bool(self.clause.left_out))
+        is_after_article = self._last == "the" and self._is_out
         return not phrase.heads and (described or is_after_article)
 
     def _set_quantity(self, number: int | None, words: str) -> bool:
@@ -333,7 +333,7 @@ class _Reader:
         if name.role("place"):
             self._take_place(name)
         elif name.role("robot") and preposition == "of" and self._places:
-            self._places[-1] = _At(**{**vars(self._places[-1]), "owner": name})
+            self._places[-1] = replace(self._places[-1], owner=name)
         elif name.role("robot") and preposition == "of" and self.clause.target is not None:
             self.clause.owner = name
         elif preposition in _INTO | _AT and name.role("robot", "thing", "object"):

@@ -58,10 +58,11 @@ def crowded(goal: CrowdedGoal, wording: Wording) -> Refusal:
     names = [wording.name(taker) for taker in goal.takers[:_MAX_ROBOTS]]
     more = len(goal.takers) - len(names)
     listed = " and ".join(names) + (f" and {more} more" if more else "")
-    verb = "takes one thing" if len(goal.takers) == 1 else "take one thing each"
+    each = " each" if len(goal.takers) > 1 else ""
     return Refusal(
         _goal_text(goal.goal, wording),
-        f"{listed} {verb} at a time, and other goals want that; ask for fewer, or another place",
+        f"for {listed}{each}, one such goal can hold at a time, and others come first; ask for "
+        "fewer, or for another place",
         (),
         {},
     )

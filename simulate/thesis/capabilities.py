@@ -29,19 +29,19 @@ ENTRIES = (
     _gatto("small-objects", "2.5.3, 6", "small clouds, on which the thesis's segmentation fails",
            why="objects of 1.4 to 7 cm beside PCL's: docs/benchmarks/perception.md"),
     _gatto("segmentation-service", "2.6", "segmentation as a topic and as a service",
-           why="rtask/Segmentation by HTTP, rosbridge and agents, and the nodes' topics: "
+           why="as rtask/Segmentation by HTTP, rosbridge and agents, and the nodes' topics: "
            "docs/services.md, docs/ros.md"),
     _gatto("descriptors", "2.7", "SIFT and HOG of an object's view",
            why="both are stored with each view: features/recognition/views, docs/recognition.md"),
     _gatto("compression", "3.2.1", "clouds compressed before they are sent",
-           why="docs/transmission.md; sizes and times in docs/benchmarks/perception.md"),
+           why="told in docs/transmission.md; sizes and times in docs/benchmarks/perception.md"),
     _gatto("teacher", "3.2.2", "a teacher links a new view to name and function",
            why="`rtask teach`, page /teach, and teach_object over HTTP: docs/recognition.md"),
     _gatto("tasks", "3.2.3", "tasks that are assigned, timed and made of motions",
            why="`rtask plan --store` assigns steps with their times, and robots claim them: "
            "docs/tasks.md"),
     _gatto("grasp-message", "3.2.4", "the answer as a moveit_msgs/Grasp",
-           why="docs/ros.md; the round trip that ends with it is gatto-table-4"),
+           why="told in docs/ros.md; the round trip that ends with it is gatto-table-4"),
     _gatto("bring-up", "4.3", "the real Nao",
            why="`rtask robot reach --naoqi`; tried on a stand-in for NAOqi alone, "
            "never on a robot: docs/first-hour.md"),
@@ -79,12 +79,12 @@ ENTRIES = (
     _kehoe("advantages", "5.4", "twelve advantages of services",
            why="a table with a test for each: docs/services.md"),
     _kehoe("services", "5.5", "services, methods by URL, data sets and pipelines",
-           why="docs/services.md"),
+           why="all of them: docs/services.md"),
     _kehoe("formats", "5.6", "JSON, BSON, ROS and multipart", state="done differently",
            why="CBOR in the place of BSON, since it has a standard; the others as named: "
            "docs/services.md"),
     _kehoe("web-tools", "5.8", "motion planning and grasping as services",
-           why="rtask/Kinematics, rtask/Trajopt and rtask/Grasping: docs/services.md"),
+           why="services rtask/Kinematics, rtask/Trajopt and rtask/Grasping: docs/services.md"),
     _kehoe("uncertain-shape", "6.2", "uncertain shape in three dimensions",
            why="samples of a Gaussian random field on the hull: `rtask grasp space --shapes`, "
            "docs/grasp-planning.md"),
@@ -97,7 +97,7 @@ ENTRIES = (
            why="`rtask contributors` compares and withdraws; `rtask study trust` measures what "
            "liars cost: docs/fleet.md, docs/curation.md"),
     _kehoe("anytime", "6.2", "a near and a far answer at once",
-           why="rtask.client.race asks both, and links are cut in the measurement: "
+           why="`rtask.client.race` asks both, and links are cut in the measurement: "
            "docs/services.md"),
     _kehoe("scaling", "6.2", "more robots than one machine serves",
            why="copies that answer reads, and workers on other machines; one process writes: "

@@ -72,7 +72,7 @@ def test_python_examples_of_a_page_run_in_order(page: Path, tmp_path: Path) -> N
     program.write_text("\n".join(blocks), encoding="utf-8")
     if page in _TOP:
         command = [sys.executable, str(program)]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
     else:  # in a fork of a process that has imported it all, a second of processor time less
         done = run_program(program.read_text("utf-8"), folder=tmp_path)
     assert done.returncode == 0, done.stderr[-2000:]

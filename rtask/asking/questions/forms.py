@@ -68,22 +68,22 @@ def other_form(text: str, phrases: Sequence[Phrase], roles: Set[str]) -> str:
         Roles that the things named in it can fill.
     """
     text = text.strip()
-    said = [item.text.lower() for item in phrases]
+    phrased = [item.text.lower() for item in phrases]
     if _HOW_IT_WORKS.match(text) or (
-        _HOW_TO_SUBJECT.match(text) and not any(map(_HOW_TO_SUBJECT.match, said))
+        _HOW_TO_SUBJECT.match(text) and not any(map(_HOW_TO_SUBJECT.match, phrased))
     ):
         return _DOCUMENTED
-    if _HOW_ALL_DO.match(text) and roles <= _AGENTS and not any(map(_HOW_ALL_DO.match, said)):
+    if _HOW_ALL_DO.match(text) and roles <= _AGENTS and not any(map(_HOW_ALL_DO.match, phrased)):
         return _DOCUMENTED
     if _OPINION.search(text):
         return "What somebody likes or looks for is not stated in the graph."
     ought = _OUGHT.search(text)
-    if ought and "task" not in roles and not _POLITE.match(text) and not _has(said, ought[1]):
+    if ought and "task" not in roles and not _POLITE.match(text) and not _has(phrased, ought[1]):
         return "The graph states what was and what is, not what will or should be."
-    if why := _measure(text, said, roles):
+    if why := _measure(text, phrased, roles):
         return why
     made = None if _ACT_MADE.search(text) else _MADE.search(text)
-    if roles and roles <= _THINGS and made and not _has(said, made[0]):
+    if roles and roles <= _THINGS and made and not _has(phrased, made[0]):
         return f"Who made or owns a thing, and where, is not stated here ({made[0]!r})."
     if _WHERE_IS.match(text) and roles and roles <= _AGENTS:
         return "Where a robot is itself is not stated here, only where it saw or left things."
@@ -92,16 +92,19 @@ def other_form(text: str, phrases: Sequence[Phrase], roles: Set[str]) -> str:
     return ""
 
 
-def _measure(text: str, said: Sequence[str], roles: Set[str]) -> str:
+def _measure(text: str, phrased: Sequence[str], roles: Set[str]) -> str:
     """Return why nothing says how large, old or loud something is; nothing if that is said."""
     match = _DEGREE.match(text)
     if match is None or match["how"].lower() in _NO_DEGREE:
         return ""
     word = match["how"].lower()
     degree = concept(stem(word))
-    own = {concept(stem(other)) for item in said for other in raw_words(item)}
+    own = {concept(stem(other)) for item in phrased for other in raw_words(item)}
     measured = {
-        concept(stem(other)) for item in said for before, other in _pairs(item) if before == "how"
+        concept(stem(word_after))
+        for item in phrased
+        for before, word_after in pairwise(raw_words(item))
+        if before == "how"
     }  # fmt: skip
     if degree not in (measured if match["verb"] else own):
         return f"How {word} something is, is not what the nearest question asks."
@@ -110,10 +113,5 @@ def _measure(text: str, said: Sequence[str], roles: Set[str]) -> str:
     return ""
 
 
-def _pairs(text: str) -> list[tuple[str, str]]:
-    words = raw_words(text)
-    return list(pairwise(words))
-
-
-def _has(said: Iterable[str], word: str) -> bool:
-    return any(re.search(rf"\b{re.escape(word.lower())}\b", item) for item in said)
+def _has(phrased: Iterable[str], word: str) -> bool:
+    return any(re.search(rf"\b{re.escape(word.lower())}\b", item) for item in phrased)

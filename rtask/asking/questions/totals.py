@@ -182,7 +182,7 @@ def total(select: Select, noun: str, part: Part | None = None) -> Total:
     text = _QUERIES.get(noun, _QUERY).replace("$class", cls)
     if part is not None:
         text = text.replace(f"?attempt a {cls}\n", f"?attempt a {cls}\n{part.pattern}", 1)
-        one, many = (f"{noun} {part.words}" for noun in (one, many))
+        one, many = f"{one} {part.words}", f"{many} {part.words}"
     sparql = with_prefixes(text)
     rows = select(sparql)
     numbers = {name: int(str(rows[0].value(name))) for name in rows.variables}

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rtask.errors import UsageError
+
 if TYPE_CHECKING:
     from grasp.spatial.candidate import Proposals
     from grasp.spatial.gripper import EndEffector
@@ -87,7 +89,7 @@ def view_clutter(
 
     Raises
     ------
-    ValueError
+    UsageError
         Nothing is seen near the given height, so that "the table is empty" would be untrue.
     """
     from features.geometry import transform
@@ -108,9 +110,10 @@ def view_clutter(
     height = (placed - on_plane) @ normal
     inside = (height > _OVER_M) & (height < _HIGHEST_M)
     if table_height is not None and not (np.abs(height) < _HIGHEST_M).any():
-        raise ValueError(
+        raise UsageError(
             f"support_height: nothing is seen near {table_height:g} m, and the largest level plane "
-            f"lies at {plane_z:.3g} m: another unit, or another frame?"
+            f"lies at {plane_z:.3g} m: another unit, or another frame?",
+            field="support_height",
         )
     for axis, (low, high) in enumerate((x_range, y_range)):
         inside &= (placed[:, axis] > low) & (placed[:, axis] < high)

@@ -23,7 +23,7 @@ from rtask.engine.records.identity import check_operator, check_task, confirmed
 from rtask.engine.records.objects import no_object, viewpoint_of
 from rtask.engine.records.outcomes import Outcome, OutcomeReport
 from rtask.engine.records.places import Located, located
-from rtask.engine.records.received import TURNS, Received, received
+from rtask.engine.records.received import TWO_TURNS_RAD, Received, received
 from rtask.engine.records.record import Earlier, earlier
 from rtask.engine.remembered import Memory, RememberedObject
 from rtask.engine.terms import folded
@@ -71,7 +71,7 @@ class NewObject(Look):
     """of the grasp, in the frame of the cloud; default: no grasp"""
     Z: Annotated[Number, Unit("m")] | None = None
     """of the grasp, in the frame of the cloud; default: no grasp"""
-    rad: Annotated[Number, Unit("rad"), Ge(-TURNS), Le(TURNS)] | None = None
+    rad: Annotated[Number, Unit("rad"), Ge(-TWO_TURNS_RAD), Le(TWO_TURNS_RAD)] | None = None
     """closing direction of the grasp, in the frame of the cloud; default: no grasp"""
     success: Flag = True
     """whether the grasp held, without an outcome"""

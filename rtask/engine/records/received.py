@@ -30,7 +30,7 @@ from rtask.wire.types import Number, Unit
 if TYPE_CHECKING:
     from rtask.engine.decisions import Decision
 
-__all__ = ["CANDIDATE", "TURNS", "Received", "in_object", "received"]
+__all__ = ["CANDIDATE", "TWO_TURNS_RAD", "Received", "in_object", "received"]
 
 Quaternion = tuple[float, float, float, float]
 
@@ -39,8 +39,9 @@ _FARTHEST_M = 4.0
 """From the origin of an object; beyond it, a grasp belongs to something else. The thesis's own
 message has 2.5 m (Gatto 2016, 3.2.4)."""
 
-TURNS = 12.57
-"""Two full turns, rad: what goes beyond was measured in degrees."""
+TWO_TURNS_RAD = 12.57
+"""What goes beyond was measured in degrees."""
+
 CANDIDATE = "candidate:"
 """Prefix of the ids of proposed grasps."""
 
@@ -174,7 +175,7 @@ class _Numbers(Message):
     x: Number | None = None
     y: Number | None = None
     z: Number | None = None
-    theta: Annotated[Number, Unit("rad"), Ge(-TURNS), Le(TURNS)] | None = None
+    theta: Annotated[Number, Unit("rad"), Ge(-TWO_TURNS_RAD), Le(TWO_TURNS_RAD)] | None = None
     width: Annotated[Number, Unit("m"), Ge(0), Le(_WIDEST_M)] | None = None
     opening: Annotated[Number, Unit("m"), Ge(0), Le(_WIDEST_M)] | None = None
     grasp_quality: Number | None = None
@@ -191,7 +192,7 @@ class _InObject(Message):
     """ordinate"""
     z: Number
     """height"""
-    theta: Annotated[Number, Unit("rad"), Ge(-TURNS), Le(TURNS)]
+    theta: Annotated[Number, Unit("rad"), Ge(-TWO_TURNS_RAD), Le(TWO_TURNS_RAD)]
     """closing direction about z"""
     qx: Number | None = None
     qy: Number | None = None

@@ -130,7 +130,7 @@ def turn_back(
 ) -> EmbeddedStore:
     """Make the store of an earlier state, from the nearest one that is kept or from the current.
 
-    It is returned open, for to open it once more takes a fifth of a question about the past.
+    It is returned open: opening it again takes a fifth of the time of a question about the past.
 
     Raises
     ------
@@ -203,7 +203,7 @@ class _Replay:
             The journal does not hold all that changed on the way.
         """
         if not self.distance:
-            # A state that is kept: to open it to write takes a third of the question.
+            # A state that is kept: opening it for writing takes a third of the time of a question.
             return EmbeddedStore(Store.read_only(self.path), self.path)
         store = EmbeddedStore(Store(self.path), self.path)
         settings = self.files.settings

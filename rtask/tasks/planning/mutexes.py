@@ -1,4 +1,4 @@
-"""Goals that cannot all hold at once: more of them than there are hands, say, for what they want.
+"""Goals that cannot all hold at once, such as three cups in the two hands of a robot.
 
 An object is *exclusive* in a place of a predicate if at most one of the facts that have it there is
 ever true, as each step that makes one true needs and ends another: a hand is empty or holds one
@@ -48,13 +48,14 @@ def crowded_goals(
     """
     # Those that hold already come first, so that they are not the ones that find no room.
     goals = sorted(dict.fromkeys(problem.goals), key=problem.facts.isdisjoint)
+    apart = _apart(goals)
     longest = max((len(atom) for goal in goals for atom in goal), default=0)
     steps: dict[str, list[Step]] | None = None
     crowded: dict[Goal, CrowdedGoal] = {}
     for place in range(1, longest):
         wanting = {
             goal: tuple(dict.fromkeys(atom[place] for atom in goal))
-            for goal in _apart(goals)
+            for goal in apart
             if goal not in crowded and all(len(atom) > place for atom in goal)
         }
         # Most goals are about one thing each, which needs no look at the steps.

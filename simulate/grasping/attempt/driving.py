@@ -117,6 +117,7 @@ class ArmDrive:
         """
         if self.hand.cup is not None:
             self._seal()
+        self._gave_way = False
         self.robot.move_fingers(self.arm, 0.0, self.hand.close_effort)
         for _ in range(max(round(seconds / _CONTROL_S), 1)):
             self.steps(_CONTROL_S)

@@ -17,6 +17,7 @@ import threading
 import time
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import httpx
 
@@ -122,10 +123,12 @@ def main() -> None:
             for role, secret in secrets.items():
                 ended: list[tuple[float, int, str]] = []
 
-                def attack(name: str = name, role: str = role, secret: str = secret) -> None:
+                def attack(
+                    name: str = name, secret: str = secret, ended: list[Any] = ended
+                ) -> None:
                     started = time.perf_counter()
                     status, text = send(server, REQUESTS[name], secret, f"{_BASE}graph/agent/nao-1")
-                    ended.append((time.perf_counter() - started, status, text))  # noqa: B023
+                    ended.append((time.perf_counter() - started, status, text))
 
                 waits = watched(server, other, threading.Thread(target=attack))
                 seconds, status, text = ended[0]

@@ -13,6 +13,7 @@ from unittest import mock
 
 import ontology
 from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.terms import NamedNode
 from tests.endpoint.api import obedient_agent
 from tests.endpoint.api.styled_instructions import StyledAgent
 
@@ -63,7 +64,7 @@ def store_in_places(kb: KnowledgeBase) -> list[str]:
             if place in _LITERALS:
                 cls, name = _LITERALS[place]
                 thing = f"urn:lab/placed/{number}"
-                tx.add(thing, ontology.PREFIXES["rdf"] + "type", kb_iri(_RT + cls))
+                tx.add(thing, ontology.PREFIXES["rdf"] + "type", NamedNode(_RT + cls))
                 tx.add(thing, _RT + name, text)
                 stored.append(text)
             elif place.endswith("ontology"):
@@ -80,13 +81,6 @@ def store_in_places(kb: KnowledgeBase) -> list[str]:
                 tx.add(address, _RT + "objectId", f"placed {number}")
     kb.load("\n".join(turtle).encode(), format="ttl", graph="urn:evil/")
     return stored
-
-
-def kb_iri(iri: str) -> Any:
-    """Return an IRI as a term."""
-    from rtask.rdf.terms import NamedNode
-
-    return NamedNode(iri)
 
 
 class PlacedAgent(StyledAgent):

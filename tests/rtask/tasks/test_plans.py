@@ -315,4 +315,4 @@ def test_more_things_than_a_hand_takes_are_refused_one_by_one_without_a_search(k
     assert not plan.is_complete
     assert [local_name(step.action) for step in plan.steps] == ["Grasp"]
     (left,) = plan.refusals
-    assert left.text.startswith("panda-1 hand takes one thing at a time, and other goals want")
+    assert left.text.startswith("for panda-1 hand, one such goal can hold at a time")

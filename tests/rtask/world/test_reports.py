@@ -167,6 +167,7 @@ def test_a_pose_that_no_robot_sees_from_its_body_is_another_unit(lab, look, engi
         look(0, mm, frame="base")
     assert not engine.call("where_is", {"name": "blue cup"}, NAO).known
     look(0, mm, frame="map")  # a building may be that long
+    look(1, mm, frame="nao-1/odom")  # its own, declared by this look
 
 
 def test_of_an_instant_before_it_was_seen_it_is_not_said_that_nobody_has(look, engine):

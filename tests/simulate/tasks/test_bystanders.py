@@ -79,7 +79,7 @@ def test_what_stood_beside_a_motion_is_looked_for_after_it(tmp_path, monkeypatch
                     sight(item, place) if number else None
                 ))  # fmt: skip
                 assert body.find(other) == at["right half"], "seen from another side alone"
-                assert body.sees(other, at["right half"]), "or it would be planned for for ever"
+                assert body.sees(other, at["right half"]), "or the same plan would be made for ever"
             body._bystanders.note(taken)
             bench.put(body_of_other, *_GONE)
             assert body.displaced() == {other: None}

@@ -52,5 +52,6 @@ def test_a_table_at_another_height_than_told_is_not_called_empty() -> None:
     camera[2, 3] = 1.6
     seen = (table - camera[:3, 3]) @ camera[:3, :3]
     assert view_clutter(seen, None, camera, table_height=0.8) is not None
-    with pytest.raises(ValueError, match=r"near 800 m.* lies at 0\.8 m: another unit"):
+    with pytest.raises(UsageError, match=r"near 800 m.* lies at 0\.8 m: another unit") as caught:
         view_clutter(seen, None, camera, table_height=800.0)
+    assert caught.value.details["field"] == "support_height"
