@@ -11,7 +11,7 @@ from rtask.model.codec import RDF_TYPE
 from rtask.model.instance import Model, Pending, Property, class_iris, required, term
 from rtask.model.view import View
 from rtask.rdf.namespaces import mint
-from rtask.rdf.terms import BlankNode, GraphName, NamedNode, Subject, Term, stored
+from rtask.rdf.terms import DEFAULT, BlankNode, GraphName, NamedNode, Subject, Term, stored
 
 if TYPE_CHECKING:
     from rtask.model.backing import Statements, Writes
@@ -39,6 +39,8 @@ class Flush:
         self._new = list(new)
         self._dirty = [item for item in dirty if item not in deleted]
         self._deleted = list(deleted)
+        self.stays: list[Model] = []
+        """Deleted objects of which others state something, once they were written."""
 
     def __bool__(self) -> bool:
         return bool(self._new or self._dirty or self._deleted)
@@ -73,8 +75,7 @@ class Flush:
     def write(self, tx: Writes, statements: Statements) -> None:
         """Put all changes into a transaction, given the statements that hold before it."""
         writer = _Writer(self._view, tx, statements)
-        for instance in self._deleted:
-            writer.withdraw(NamedNode(instance.iri))
+        self.stays = [item for item in self._deleted if writer.withdraw(item)]
         for instance in self._new:
             for name in class_iris(type(instance)):
                 tx.add(instance.iri, RDF_TYPE, NamedNode(name), named(self._view.home))
@@ -135,12 +136,29 @@ class _Writer:
                     field=field.name,
                 )
 
-    def withdraw(self, subject: NamedNode) -> None:
-        """Withdraw all own statements from and to an object."""
-        own = self._statements.match(subject, graph=self._home)
+    def withdraw(self, instance: Model) -> bool:
+        """Withdraw all own statements from and to an object; return whether others' stay.
+
+        Raises
+        ------
+        OwnershipError
+            If all that is stated about it is stated by others.
+        """
+        subject = NamedNode(instance.iri)
+        about = self._statements.match(subject)
+        own = [quad for quad in about if quad.graph_name == self._home]
         own += self._statements.match(value=subject, graph=self._home)
+        inferred = self._kb.graphs.inferred
+        others = {q.graph_name for q in about} - {self._home, inferred, DEFAULT}
+        if others and not own:
+            shown = ", ".join(sorted(str(graph) for graph in others))
+            raise OwnershipError(
+                f"{instance!r}: nothing of it is stated in your graph, but in {shown}, and only"
+                " those who stated it may withdraw it"
+            )
         for quad in own:
             self._tx.remove(quad.subject, quad.predicate, quad.object, named(self._home))
+        return bool(others)
 
     def change(self, instance: Model, field: Property, pending: Pending) -> None:
         """Write the changes of one field of one object."""

@@ -29,7 +29,7 @@ from rtask.errors import FieldError, UsageError
 from rtask.model.codec import THING
 from rtask.model.limits import Limits
 from rtask.model.missing import missing_field, refuse_attribute
-from rtask.model.registry import ClassRegistry, count_class, generation, rank
+from rtask.model.registry import ClassRegistry, ModelType, count_class, generation
 from rtask.rdf.terms import NamedNode, Term, iri
 
 __all__ = [
@@ -211,18 +211,6 @@ class State:
         self.origin = None
 
 
-class ModelType(type):
-    """Metaclass with a linearisation that any two classes of an ontology can share.
-
-    Python's own order of bases (C3) cannot combine every two classes. Here the ancestors of a class
-    are always visited in the same order: a class before its superclasses, otherwise by IRI.
-    """
-
-    def mro(cls) -> list[type]:
-        above = {model for base in cls.__bases__ for model in base.__mro__} - {object}
-        return [cls, *sorted(above, key=rank), object]
-
-
 @dataclass_transform(kw_only_default=True, eq_default=False)
 class Model(metaclass=ModelType):
     """Base of all classes bound to an OWL class.
@@ -294,7 +282,7 @@ class Model(metaclass=ModelType):
             raise FieldError(missing_field(type(self), name), field=name)
         object.__setattr__(self, name, value)
 
-    if not TYPE_CHECKING:  # type checkers name attributes that are not there themselves
+    if not TYPE_CHECKING:
         __getattr__ = refuse_attribute
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from typing import Any, NoReturn
 
-__all__ = ["missing_field", "refuse_attribute", "subclasses_with"]
+__all__ = ["missing_field", "refuse_attribute", "refuse_path", "subclasses_with"]
 
 Class = Any
 """A class bound to an OWL class: this file is below the one that defines them."""
@@ -24,6 +24,19 @@ def refuse_attribute(instance: Any, name: str) -> NoReturn:
     state = instance.__state__
     origin = None if state.is_read else state.origin
     raise AttributeError(missing_field(type(instance), name, origin))
+
+
+def refuse_path(model: Class, name: str) -> NoReturn:
+    """Refuse the path of a field that a class does not have, as in a condition.
+
+    Raises
+    ------
+    AttributeError
+        Always; names a field that is written alike, or the classes that have it.
+    """
+    if name.startswith("__"):  # looked up by Python itself, also before the class has fields
+        raise AttributeError(name)
+    raise AttributeError(missing_field(model, name))
 
 
 def missing_field(model: Class, name: str, origin: str | None = None) -> str:

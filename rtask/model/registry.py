@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from weakref import WeakKeyDictionary
 
-__all__ = ["ClassRegistry", "count_class", "generation", "rank", "vocabularies_of"]
+from rtask.model.missing import refuse_path
+
+__all__ = ["ClassRegistry", "ModelType", "count_class", "generation", "rank", "vocabularies_of"]
 
 K = TypeVar("K")
 
@@ -81,6 +83,21 @@ class ClassRegistry(Generic[K]):
             metaclass: Any = type(bases[0])
             self._combined[bases] = metaclass(name, bases, {"__combined__": True})
         return self._combined[bases]
+
+
+class ModelType(type):
+    """Metaclass with a linearisation that any two classes of an ontology can share.
+
+    Python's own order of bases (C3) cannot combine every two classes. Here the ancestors of a class
+    are always visited in the same order: a class before its superclasses, otherwise by IRI.
+    """
+
+    def mro(cls) -> list[type]:
+        above = {model for base in cls.__bases__ for model in base.__mro__} - {object}
+        return [cls, *sorted(above, key=rank), object]
+
+    if not TYPE_CHECKING:
+        __getattr__ = refuse_path
 
 
 def rank(model: type) -> tuple[int, str]:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, NoReturn, TypeVar
 
-from rtask.errors import UnknownTermError, UsageError
+from rtask.errors import DataError, UnknownTermError, UsageError
 from rtask.model.annotations import Note, read_annotations
 from rtask.model.backing import Backed, Statements, Touched, Writes
 from rtask.model.flush import Flush, named
@@ -194,7 +194,7 @@ class Session:
 
     def find(self, model: type[M], name: str | NamedNode) -> M | None:
         """Return the object of an IRI, or ``None`` if the graph states nothing about it."""
-        text = iri(name).value
+        text = _checked_iri(model, name)
         instance = self.identities.find(text)
         if instance is not None and instance.__state__.deleted:
             return None
@@ -252,6 +252,9 @@ class Session:
 
     def delete(self, instance: Model, cascade: Iterable[str] = ()) -> None:
         """Withdraw the agent's own statements about an object, and those that point to it.
+
+        What others state about it stays, and the object with it: writing then warns. It is an
+        :class:`~rtask.errors.OwnershipError` if others state all of it.
 
         Parameters
         ----------
@@ -316,7 +319,7 @@ class Session:
         FieldError
             If a new object lacks a required value.
         OwnershipError
-            If a value to replace is stated by another agent.
+            If a value to replace, or all of an object to delete, is stated by another agent.
         VersionConflictError
             If somebody else changed a value that was read and is to be replaced.
         """
@@ -334,6 +337,11 @@ class Session:
 
         commit = self.view.backing.write(write, flush.subjects(), self.agent, self.note)
         flush.settle()
+        for instance in flush.stays:
+            warnings.warn(
+                f"{instance!r} stays: others state more about it than was deleted here",
+                stacklevel=2,
+            )
         for instance in self._deleted:
             self.identities.drop(instance.iri)
         for changes in (self._new, self._dirty, self._deleted):
@@ -393,6 +401,17 @@ class Session:
 
     def __repr__(self) -> str:
         return f"<Session of {self.agent or 'nobody'} on {self.kb!r}>"
+
+
+def _checked_iri(model: type[Model], name: str | NamedNode) -> str:
+    """Return the IRI of an object; the identifiers that people write are values of a field."""
+    try:
+        return iri(name).value
+    except DataError as error:
+        raise DataError(
+            f"{error}; to find it by a field, query({model.__name__}).where("
+            f"{model.__name__}.object_id == {name!r}).one(), or another field"
+        ) from error
 
 
 def _weak_listener(identities: IdentityMap) -> Callable[[Touched], None]:

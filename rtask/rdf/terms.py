@@ -79,11 +79,16 @@ def iri(value: NamedNode | str) -> NamedNode:
     if isinstance(value, NamedNode):
         return value
     if not isinstance(value, str):
-        raise UsageError(f"expected an IRI, got {type(value).__name__}: {value!r}")
+        raise UsageError(_no_iri(value))
     try:
         return NamedNode(value)
     except ValueError as error:
         raise DataError(f"not an absolute IRI: {value!r} ({error})") from error
+
+
+def _no_iri(value: object) -> str:
+    hint = "; pass its .iri" if hasattr(value, "iri") else ""
+    return f"expected an IRI, got {type(value).__name__}: {value!r}{hint}"
 
 
 def literal(value: object) -> Literal:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, NoReturn, overload
 
 from pyoxigraph import (
     QueryBoolean,
@@ -54,6 +54,14 @@ class Row:
         except KeyError:
             variables = ", ".join(self._positions)
             raise UsageError(f"no variable {key!r} in this result; it has {variables}") from None
+
+    if not TYPE_CHECKING:  # type checkers name attributes that are not there themselves
+
+        def __getattr__(self, name: str) -> NoReturn:
+            """Refuse an attribute; other libraries' rows have their variables as such."""
+            has = not name.startswith("_") and name in self._positions
+            hint = f"; the term of ?{name} is row[{name!r}]" if has else ""
+            raise AttributeError(f"a row has no attribute {name!r}{hint}")
 
     def __iter__(self) -> Iterator[Term | None]:
         return iter(self._terms)

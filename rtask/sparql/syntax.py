@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from pyoxigraph import Store
 
+import ontology
 from rtask.errors import DataError, QuerySyntaxError, RtaskError
 from rtask.sparql.lexer import guard, tokenise
 from rtask.sparql.misspelt import bare_slash, misspelling
@@ -73,7 +74,9 @@ def _undeclared_prefix(tokens: list[Token]) -> tuple[str, Token] | None:
         if before.is_word("PREFIX"):
             declared.add(prefix)
         elif prefix not in declared:
-            return f"undeclared prefix {prefix!r}", token
+            namespace = ontology.PREFIXES.get(prefix[:-1])
+            hint = f"; add PREFIX {prefix} <{namespace}>" if namespace else ""
+            return f"undeclared prefix {prefix!r}{hint}", token
     return None
 
 

@@ -167,6 +167,24 @@ def test_a_single_truth_of_another_robot_cannot_be_replaced(lab: KnowledgeBase) 
     assert lab.seq == before
 
 
+def test_what_others_state_cannot_be_deleted(lab: KnowledgeBase) -> None:
+    mug, before = lab.base + "object/1", lab.seq
+    with pytest.raises(OwnershipError, match="nao-1"), lab.session("pr2") as s:
+        s.delete(s.get(RTASK.Mug, mug))
+    assert lab.seq == before
+
+
+def test_an_object_of_which_others_state_something_stays_and_that_is_said(
+    lab: KnowledgeBase,
+) -> None:
+    mug = lab.base + "object/1"
+    with lab.session("pr2") as s:
+        s.get(RTASK.Mug, mug).mass = 0.25
+    with pytest.warns(UserWarning, match="others state more"), lab.session("pr2") as s:
+        s.delete(s.get(RTASK.Mug, mug))
+    assert _mass(lab) == [(0.3, "nao-1")]
+
+
 def test_a_contradiction_is_refused_as_a_whole(lab: KnowledgeBase) -> None:
     before = lab.seq
     with pytest.raises(InconsistentError), lab.session(agent="nao-1") as s:  # noqa: PT012
@@ -233,6 +251,8 @@ def test_deleting_takes_back_own_statements_only(lab: KnowledgeBase) -> None:
         assert s.deleted == [item]
         with pytest.raises(UsageError, match="was deleted"):
             item.mass = 1.0
+        with pytest.warns(UserWarning, match="others state more about it"):
+            s.flush()
     left = [q for q in lab.match(mug) if q.graph_name != lab.graphs.inferred]
     assert [q.graph_name for q in left] == [lab.graphs.agent("pr2")]
     with lab.session() as s:
