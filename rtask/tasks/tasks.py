@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rtask.kb.commit.access import Access
 from rtask.tasks.bounds import TIMEOUT_S, Bounds
+from rtask.tasks.examples import example_goals
 from rtask.tasks.plan import TaskPlan
 from rtask.tasks.planner import plan_goal
 from rtask.tasks.queue.asking import answer, is_pending
@@ -73,6 +74,11 @@ a goal is such as 'every cup into the left box'
             bounds.select, self._kb.catalogue.is_ontology, goal, base=self._kb.base,
             assume_reach=assume_reach, max_states=max_states, require_time=bounds.require_time,
         )  # fmt: skip
+
+    def examples(self, access: Access | None = None) -> list[str]:
+        """Return goals in words about what stands where now; none if nothing has two places."""
+        bounds = Bounds(self._kb, TIMEOUT_S, access.reads if access is not None else None)
+        return example_goals(bounds.select, self._kb.base)
 
     def why(
         self, subject: str, *, timeout_s: float = TIMEOUT_S, access: Access | None = None

@@ -7,11 +7,20 @@ from urllib.parse import urlencode
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.access.auth import require_scope
-from endpoint.pages.render import PREFIXES, Model, blueprint, context, current_request, page
+from endpoint.access.auth import SCOPES, require_scope
+from endpoint.pages.render import (
+    PREFIXES,
+    Model,
+    blueprint,
+    context,
+    current_request,
+    knowledge_base,
+    page,
+)
 from endpoint.pages.signin import require_form
 from rtask.engine.operations.tasks.plan import StorePlan
 from rtask.errors import RtaskError
+from rtask.knowledge_base import KnowledgeBase
 from rtask.wire.forms import read_form
 
 __all__ = ["plan"]
@@ -27,10 +36,10 @@ def plan() -> Model:
     assume_reach = bool(given.get("assume_reach"))
     model: Model = {
         "goal": goal, "assume_reach": assume_reach, "plan": None, "problem": "",
-        "task": given.get("task", ""), "commit": given.get("commit", ""),
+        "task": given.get("task", ""), "commit": given.get("commit", ""), "examples": [],
     }  # fmt: skip
+    access = context().auth.identify(current_request()).access
     if goal:
-        access = context().auth.identify(current_request()).access
         require_scope(access, "read")
         request = {"goal": goal, "assume_reach": assume_reach}
         try:
@@ -38,6 +47,9 @@ def plan() -> Model:
             model["plan"] = {**answer, "sparql": [PREFIXES + text for text in answer["sparql"]]}
         except RtaskError as error:
             model["problem"] = str(error)
+    kb = knowledge_base()
+    if model["plan"] is None and isinstance(kb, KnowledgeBase) and "read" in SCOPES[access.role]:
+        model["examples"] = kb.tasks.examples(access)
     return model
 
 

@@ -57,6 +57,16 @@ def test_a_person_stores_the_plan_that_is_shown_and_can_take_it_back(site: Site)
     }
 
 
+def test_the_examples_are_about_what_stands_here_and_can_be_planned(site: Site) -> None:
+    ann = site.signed_in("ann")
+    goals = re.findall(r'<li><a href="/plan\?goal=([^"]+)">([^<]+)</a>', page(ann))
+    assert goals
+    for _, goal in goals:
+        assert "means nothing" not in page(ann, goal=goal)
+    shown = page(ann, goal="every cup into the moon")
+    assert all(goal in shown for _, goal in goals)  # a way on where the words were not understood
+
+
 def test_a_plan_that_is_no_longer_the_one_shown_is_not_stored(site: Site) -> None:
     ann = site.signed_in("ann")
     form = form_of(page(ann, goal="every pen into the right box"))
