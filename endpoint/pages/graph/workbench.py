@@ -14,10 +14,19 @@ import flask
 
 import ontology
 from endpoint.http.problems import PROBLEM_TYPE
-from endpoint.pages.render import Model, application, blueprint, context, current_request
+from endpoint.pages.render import (
+    Model,
+    application,
+    blueprint,
+    context,
+    current_request,
+    knowledge_base,
+)
 from endpoint.sparql.negotiation import RESULTS_JSON, TURTLE
 
 _EDITOR = Path(__file__).parent.parent / "static" / "vendor" / "editor.js"
+_EXAMPLE = "https://w3id.org/rtask-kg/kb/sample/"
+"""What starts the individuals of ``ontology/examples/sample.trig``."""
 MAX_ROWS = 1_000
 MAX_TEXT = 200_000
 DEFAULT_QUERY = f"""PREFIX rt: <{ontology.NS}>
@@ -42,9 +51,18 @@ def _editor() -> dict[str, object]:
     return {"has_editor": _EDITOR.exists}
 
 
-@cache
 def samples() -> list[dict[str, str]]:
-    """Return the competency questions of the ontology, each with its query."""
+    """Return the competency questions of the ontology, each with its query.
+
+    Those about individuals of the ontology's example are left out of a graph without it: they
+    would answer nothing.
+    """
+    about_example = knowledge_base().select(f"SELECT ?p {{ <{_EXAMPLE}mug> ?p ?o }} LIMIT 1")
+    return [each for each in _questions() if about_example or _EXAMPLE not in each["query"]]
+
+
+@cache
+def _questions() -> list[dict[str, str]]:
     examples = []
     for path in ontology.queries():
         lines = path.read_text(encoding="utf-8").splitlines()

@@ -201,7 +201,7 @@ def test_a_page_names_its_twin_and_the_twin_is_json(
 
 @pytest.mark.parametrize(
     ("address", "most"),
-    [("/", 4), ("/objects", 2), ("/object?iri=urn:lab/object/1", 6), ("/robots", 1),
+    [("/", 5), ("/objects", 2), ("/object?iri=urn:lab/object/1", 6), ("/robots", 1),
      ("/resource?iri=urn:lab/object/1", 2)],
 )  # fmt: skip
 def test_no_page_loops_over_queries(
