@@ -8,7 +8,7 @@ from hashlib import sha256
 from grasp.learning.bandit import Policy as Bandit
 from rtask.rdf.namespaces import reason
 
-__all__ = ["JUDGED", "UNJUDGED", "Policy"]
+__all__ = ["JUDGED", "LOST", "LOST_CODE", "UNJUDGED", "Policy"]
 
 _SCHEME = 1
 UNJUDGED = (
@@ -31,6 +31,14 @@ JUDGED = f"""?attempt rt:executesGrasp ?grasp ; prov:endedAtTime ?ended ; rt:has
     FILTER NOT EXISTS {{ ?outcome rt:disputed true }}"""
 """Pattern of a judged attempt of ``?grasp``: verdicts of people override the report, and disputed
 attempts are left out."""
+
+LOST_CODE = "slip_transport"
+"""Reason of an object that was held and then lost on the way."""
+
+# Where a carton was held that a NAO then lost says next to nothing of its ends (3 of 7 at the firm
+# one). As a failure like any other, a loss made later robots reach for the end that gives way.
+LOST = f"BIND(?held = false && ?reason = {reason(LOST_CODE)} AS ?lost)"
+"""Pattern after :data:`JUDGED`: whether the attempt held its object and lost it on the way."""
 
 
 @dataclass(frozen=True)

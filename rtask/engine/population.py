@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grasp.learning.population import Population, ProductEvidence, evidence_of
-from rtask.engine.policy import JUDGED
+from rtask.engine.policy import JUDGED, LOST
 from rtask.rdf.namespaces import PREFIXES, RT
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ SELECT DISTINCT ?object ?length ?width ?height ?x ?held ?robot ?hand ?attempt WH
   {{ SELECT ?attempt WHERE {{
     ?attempt rt:hasOutcome ?any ; prov:endedAtTime ?end
   }} ORDER BY DESC(?end) DESC(?attempt) LIMIT {_LATEST} }}
-  {JUDGED}
+  {JUDGED} {LOST} FILTER(!?lost)
   ?object rt:hasGrasp ?grasp ; rt:extentX ?length ; rt:extentY ?width ; rt:extentZ ?height .
   ?grasp rt:graspPose ?pose . ?pose rt:theta ?theta ; rt:x ?x .
   ?attempt rt:performedBy ?robot

@@ -26,6 +26,9 @@ class Tally:
         IRI of the robot that reported them, if its word counts for less; empty for all others.
     weight
         Part for which that word counts, 0..1; see :mod:`rtask.engine.honesty`.
+    lost
+        Whether the object was held and then lost on the way: a failure of the grasp that says
+        nothing of what hides in the object.
     """
 
     held: bool
@@ -34,6 +37,7 @@ class Tally:
     latest: dt.datetime | None = None
     robot: str = ""
     weight: float = 1.0
+    lost: bool = False
 
 
 @dataclass(frozen=True)
@@ -98,7 +102,13 @@ class Remembered:
 
 @dataclass(frozen=True)
 class Trial:
-    """An attempt of the asking robot on the object that it is handling."""
+    """An attempt of the asking robot on the object that it is handling.
+
+    Parameters
+    ----------
+    lost
+        Whether the object was held and then lost on the way; see :class:`Tally`.
+    """
 
     grasp: str
     x: float
@@ -110,6 +120,7 @@ class Trial:
     ended: str
     is_fast: bool = False
     quaternion: tuple[float, float, float, float] | None = None
+    lost: bool = False
 
     @property
     def object_from_gripper(self) -> NDArray[np.float64]:

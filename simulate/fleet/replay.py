@@ -57,11 +57,15 @@ class ReportedGrasp:
     ----------
     weight
         Part for which the report counts, 0..1; see :mod:`rtask.engine.honesty`.
+    lost
+        Whether the object was held and then lost on the way: a failure of the grasp, which says
+        nothing of what hides in the object.
     """
 
     arm: int
     held: bool
     weight: float = 1.0
+    lost: bool = False
 
 
 def replay_study(path: Path, fleets: int, on_table: int, cap: int, seed: int) -> Study:
@@ -243,6 +247,7 @@ class Player:
         reported = [
             (sign * source["arms"][attempt.arm]["x"], attempt.held, attempt.weight)
             for attempt in reports
+            if not attempt.lost
         ]
         done: list[ReportedGrasp] = []
         for seed, outcome in zip(luck.seeds.tolist(), luck.outcomes.tolist(), strict=True):

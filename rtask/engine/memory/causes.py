@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grasp.learning.causes import hidden_causes
-from rtask.engine.policy import UNJUDGED
+from rtask.engine.policy import LOST_CODE, UNJUDGED
 from rtask.engine.triples import Triples
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PROV, RDF, RT, local_name, reason
@@ -35,7 +35,7 @@ MIN_PROBABILITY = 0.3
 MAX_TRIED = 200
 """Attempts at an object that speak about its causes, the latest ones."""
 _FRAGILE, _COMES_OFF = "crushed", "came_apart"
-_SLIPS = ("slip_lift", "slip_hold", "slip_transport")
+_SLIPS = ("slip_lift", "slip_hold")
 
 Match = Callable[..., Sequence[Quad]]
 """Statements by pattern, as they are or as they will be; see :meth:`Edit.after`."""
@@ -247,7 +247,7 @@ def _attempts(
     all_tries: list[Tried] = []
     for attempt in sorted(places, key=lambda tried: tried.value, reverse=True):
         tried = new.get(attempt) or _judged(context, match, attempt, places[attempt], judged)
-        if tried is not None:
+        if tried is not None and (tried.held or tried.reason != LOST_CODE):
             all_tries.append(tried)
             if len(all_tries) == MAX_TRIED:
                 break

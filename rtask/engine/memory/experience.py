@@ -120,7 +120,7 @@ def without_trials(memory: Memory) -> tuple[Remembered, ...]:
 
     The learner adds these itself, with more weight on failures; they must not be counted twice.
     """
-    mine = Counter((t.grasp, t.held, t.is_fast) for t in memory.trials)
+    mine = Counter((t.grasp, t.held, t.lost, t.is_fast) for t in memory.trials)
     cleaned = []
     for grasp in memory.grasps:
         if grasp.of_class:
@@ -131,8 +131,9 @@ def without_trials(memory: Memory) -> tuple[Remembered, ...]:
             if tally.robot:
                 tallies.append(tally)
                 continue
-            taken = min(mine[grasp.grasp, tally.held, tally.is_fast], tally.count)
-            mine[grasp.grasp, tally.held, tally.is_fast] -= taken
+            kind = grasp.grasp, tally.held, tally.lost, tally.is_fast
+            taken = min(mine[kind], tally.count)
+            mine[kind] -= taken
             if tally.count > taken:
                 tallies.append(replace(tally, count=tally.count - taken))
         cleaned.append(replace(grasp, tallies=tuple(tallies)))

@@ -62,13 +62,14 @@ def tries_from_above(
     seen = [
         (remembered.x, float(remembered.held), 1.0)
         for remembered in memory.trials
-        if remembered.quaternion is None
+        if remembered.quaternion is None and not remembered.lost
     ]
     seen += [
         (remembered.x, float(tally.held), tally.count * weights.trust(remembered, tally))
         for remembered in evidence
         if not remembered.of_class and remembered.quaternion is None
         for tally in remembered.tallies
+        if not tally.lost
     ]
     x, held, weight = np.array(sorted(seen)).reshape(-1, 3).T
     length = weights.size[0]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rtask.engine.grippers import StoredGripper
 from rtask.engine.observation import Observation
-from rtask.engine.policy import JUDGED, Policy
+from rtask.engine.policy import JUDGED, LOST, Policy
 from rtask.rdf.namespaces import PREFIXES, RT, values
 from rtask.rdf.terms import iri
 
@@ -177,10 +177,10 @@ def _tally_part(which: str, of_class: str, only_fast: bool, doubts: Mapping[str,
         robots += f" FILTER(?robot NOT IN ({silent}))" if silent else ""
         if heard:
             robots, by = f'{robots} BIND(IF(?robot IN ({heard}), STR(?robot), "") AS ?by)', "?by"
-    return f"""SELECT ("{name}" AS ?part) ({of_class} AS ?of_class) ?object ?grasp ?held {by}
+    return f"""SELECT ("{name}" AS ?part) ({of_class} AS ?of_class) ?object ?grasp ?held ?lost {by}
       (COUNT(DISTINCT ?attempt) AS ?n) (MAX(?ended) AS ?latest)
-    WHERE {{ {which} ?object rt:hasGrasp ?grasp . {fast} {JUDGED} {robots} }}
-    GROUP BY ?object ?grasp ?held {by}"""
+    WHERE {{ {which} ?object rt:hasGrasp ?grasp . {fast} {JUDGED} {robots} {LOST} }}
+    GROUP BY ?object ?grasp ?held ?lost {by}"""
 
 
 def _trial_part(tracked: str, robot: str | None, orientation: str) -> str:
@@ -189,7 +189,7 @@ def _trial_part(tracked: str, robot: str | None, orientation: str) -> str:
     ?object rt:hasGrasp ?grasp . ?grasp rt:graspPose ?pose .
     ?pose rt:x ?x ; rt:y ?y ; rt:z ?z ; {orientation} .
     ?attempt rt:performedBy {values([robot or _NOBODY])} ; rt:attemptNumber ?number .
-    {JUDGED} BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?is_fast)
+    {JUDGED} {LOST} BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?is_fast)
     BIND("trial" AS ?part)"""
 
 

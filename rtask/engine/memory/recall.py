@@ -143,19 +143,22 @@ def _tallies(
         return _text(row, "by") if question.weighs_robots else ""
 
     fast = {
-        (_key(row), row.value("held"), teller(row)): int(_number(row, "n")) for row in fast_rows
+        (_key(row), row.value("held"), bool(row.value("lost")), teller(row)): int(_number(row, "n"))
+        for row in fast_rows
     }
     tallies: dict[Key, list[Tally]] = {}
     for row in rows:
-        key, held = _key(row), bool(row.value("held"))
+        key, held, lost = _key(row), bool(row.value("held")), bool(row.value("lost"))
         latest = row.value("latest")
         when = None if latest is None else dt.datetime.fromisoformat(str(latest))
         by = teller(row)
-        in_fast = fast.get((key, held, by), 0)
+        in_fast = fast.get((key, held, lost, by), 0)
         for count, is_fast in ((int(_number(row, "n")) - in_fast, False), (in_fast, True)):
             if count:
                 weight = question.doubts.get(by, 1.0)
-                tallies.setdefault(key, []).append(Tally(held, count, is_fast, when, by, weight))
+                tallies.setdefault(key, []).append(
+                    Tally(held, count, is_fast, when, by, weight, lost)
+                )
     return tallies
 
 
@@ -203,7 +206,7 @@ def _remembered(key: Key, row: Row, tallies: list[Tally]) -> Remembered:
     iri, grasp, of_class = key
     x, y, z, opening, quality = (_number(row, name) for name in _NUMBERS)
     theta, quaternion = _orientation(row)
-    order = sorted(tallies, key=lambda t: (t.held, t.is_fast, t.count, t.robot))
+    order = sorted(tallies, key=lambda t: (t.held, t.lost, t.is_fast, t.count, t.robot))
     return Remembered(
         grasp, iri, of_class, x, y, z, theta, opening, quality,
         _text(row, "gripper"), _size(row), tuple(order),
@@ -222,6 +225,7 @@ def _episode(rows: Iterable[Row]) -> tuple[Trial, ...]:
             _text(row, "grasp"), _number(row, "x"), _number(row, "y"), _number(row, "z"),
             _orientation(row)[0], bool(row.value("held")), int(_number(row, "number")),
             _text(row, "ended"), bool(row.value("is_fast")), _orientation(row)[1],
+            bool(row.value("lost")),
         )
         for row in rows
     }  # fmt: skip

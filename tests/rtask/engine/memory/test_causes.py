@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import datetime as dt
+from collections import Counter
+
 import pytest
 
 import ontology
 import rtask
 from rtask.asking.questions import answer
 from rtask.engine.memory.causes import restate
+from rtask.engine.memory.experience import Weights, without_trials
+from rtask.engine.memory.hidden import tries_from_above
+from rtask.engine.memory.question import Question
+from rtask.engine.memory.recall import recall
+from rtask.engine.policy import Policy
 from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PROV, RT
@@ -23,8 +31,9 @@ def at(x, **more):
             "opening": 0.04, **more}  # fmt: skip
 
 
-def report(robot, thing, x, held=False, reason="slip_lift", **more):
-    outcome = {"success": held, "reason": "ok" if held else reason, "preset": "faithful"}
+def report(robot, thing, x, held=False, reason="slip_lift", number=1, **more):
+    outcome = {"success": held, "reason": "ok" if held else reason, "preset": "faithful",
+               "attempt_number": number}  # fmt: skip
     return robot.call(
         "report_outcome", object=thing, gripper_id=robot.gripper, grasp=at(x), outcome=outcome,
         **more,
@@ -83,6 +92,28 @@ def test_failures_of_two_robots_say_together_what_hides(engine, pen):
     derived = {q.object for q in engine.kb.match(cause.object, PROV.wasDerivedFrom)}
     assert derived == {q.subject for q in engine.kb.match(None, RT.executesGrasp)}
     assert not engine.kb.validate()
+
+
+def test_what_is_lost_on_the_way_fails_a_grasp_but_tells_nothing_of_what_hides(engine, pen):
+    one, two, thing = pen
+    for number, (robot, x) in enumerate(((one, 0.0), (two, 0.033), (two, 0.033))):
+        report(robot, thing, x, reason="slip_transport", number=max(number, 1))
+    assert not facts(engine)
+    report(two, thing, 0.033, number=3)
+    hand = next(h for h in engine.context.grippers.all() if h.robot.value.endswith("nao-2"))
+    robot = hand.robot.value
+    memory = recall(engine.kb, Question(objects=(thing,), tracked=thing, robot=robot))
+    tallies = [tally for grasp in memory.grasps for tally in grasp.tallies]
+    assert all(not tally.held for tally in tallies)
+    assert Counter(t.lost for t in tallies for _ in range(t.count)) == {True: 3, False: 1}
+    others = [grasp for grasp in without_trials(memory) if grasp.tallies]
+    assert [(t.lost, t.count) for grasp in others for t in grasp.tallies] == [(True, 1)]
+    now = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
+    weights = Weights(Policy(), {thing: 1.0}, hand.gripper, (0.14, 0.02, 0.02), now)
+    tried = tries_from_above(memory, others, weights)
+    assert tried is not None
+    assert (tried.places * tried.length).round(3).tolist() == [0.033]
+    assert fresh(engine, thing)
 
 
 def test_the_order_of_the_outcomes_makes_no_difference(bench, engine, robots):
