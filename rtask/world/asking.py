@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ from rtask.rdf.terms import NamedNode, iri
 from rtask.world.estimates import estimated_placement
 from rtask.world.names import find_exemplars, find_frame, find_marks, is_exemplar, label_of
 from rtask.world.placement import Placement
+from rtask.world.spots import carried
 from rtask.world.whereabouts import Question, Whereabouts, Whereis
 from rtask.world.wording import answer_text, sentence
 
@@ -128,13 +130,18 @@ class _Asked:
         world, time_s = self.world, self.time_s
         seen = replace(last, confirmed=min(last.confirmed, time_s))
         spread = world.spread(seen, time_s)
+        last = carried(world, seen, time_s)
+        # The spread is of the pose as it was measured; a tray that was moved adds its own errors.
+        spread = replace(spread, sigma_m=math.sqrt(
+            max(spread.sigma_m**2 - seen.sigma_m**2, 0.0) + last.sigma_m**2
+        ))  # fmt: skip
         whereabouts = replace(
             whereabouts, relation=last.relation, still_there=spread.still_there * last.confidence
         )
         if last.frame_from_subject is None:
             return whereabouts
         frame, pose = last.frame, last.frame_from_subject
-        way = world.way_to(seen, self.frame or frame, time_s)
+        way = world.way_to(last, self.frame or frame, time_s)
         if way.target_from_source is not None:
             frame, pose = self.frame or frame, way.target_from_source @ pose
         spread = replace(spread, sigma_m=float(np.sqrt(spread.sigma_m**2 + way.variance_m2)))
@@ -153,7 +160,9 @@ class _Asked:
         exemplars = [mark] if is_exemplar(self.world, mark) else self.world.exemplars_of(mark)
         for exemplar in exemplars:
             placement = self.world.placement_at(exemplar, self.time_s)
-            there = None if placement is None else self.world.pose_in(placement, frame, self.time_s)
+            there = None if placement is None else self.world.pose_in(
+                carried(self.world, placement, self.time_s), frame, self.time_s
+            )  # fmt: skip
             if there is not None:
                 spots.append(there[0][:3, 3])
         return spots

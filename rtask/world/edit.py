@@ -7,6 +7,7 @@ it: a robot cannot write into the graph of another one, whose thing it moved.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -16,71 +17,25 @@ from numpy.typing import NDArray
 
 from rtask.rdf.namespaces import RT, mint
 from rtask.rdf.terms import Literal, NamedNode, iri
+from rtask.world.doubts import doubts_about, is_moved_together, mutual_doubts
 from rtask.world.identity import Candidate, identify
-from rtask.world.placement import DEFAULT_SIGMA_M, Placement, Relation
-from rtask.world.spots import Pose, is_at
+from rtask.world.late import Then, inserted, is_same_place, then, was_seen_since
+from rtask.world.pending import MOVED_RAD, PendingWorld
+from rtask.world.placement import Placement, Relation
+from rtask.world.seen import Look, Seen, in_order
+from rtask.world.spots import Pose
 from rtask.world.standing import is_same_standing
-from rtask.world.state import WorldState
 from rtask.world.statements import Statement, confirmed, doubted, ended, new_exemplar, placed
-from rtask.world.uncertainty import MOVED_M, NEARBY_M, Spread, spread_of
+from rtask.world.uncertainty import MOVED_M
 
 __all__ = ["MOVED_RAD", "Seen", "WorldEdit"]
 
-MOVED_RAD = float(np.deg2rad(15.0))
-"""Angle from which a thing has turned, rad."""
-
 _CONFIRM_S = 60.0
-_NOWHERE = Spread(0.0, 0.0, 1.0)
 _NO_PLACE: tuple[Relation, str] = ("at", "")
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """A thing of a product as seen by a robot.
-
-    Parameters
-    ----------
-    product
-        IRI of the product.
-    frame, frame_from_exemplar
-        IRI of the frame, and the pose (4, 4) in it, m.
-    time_s
-        When it was seen, Unix time.
-    sigma_m
-        Standard deviation of the position per axis, m.
-    confidence
-        In what it is and where, 0..1.
-    min_extent_m
-        The product's smaller horizontal extent, m; 0 if it is not known.
-    is_round
-        A turn about the z axis is no motion.
-    robot
-        IRI of the robot; what lies in its places or hands has an IRI below it.
-    hands
-        IRIs of the robot's end effectors.
-    agent, source
-        IRIs of the author and of the observation; or empty.
-    exemplar
-        IRI of the thing, if the robot says which it means; or empty.
-    """
-
-    product: str
-    frame: str
-    frame_from_exemplar: NDArray[np.float64]
-    time_s: float
-    sigma_m: float = DEFAULT_SIGMA_M
-    confidence: float = 1.0
-    min_extent_m: float = 0.0
-    is_round: bool = False
-    robot: str = ""
-    hands: Collection[str] = ()
-    agent: str = ""
-    source: str = ""
-    exemplar: str = ""
-
-
 @dataclass
-class WorldEdit:
+class WorldEdit(PendingWorld):
     """The statements of one commit about things and their places.
 
     Parameters
@@ -98,31 +53,67 @@ class WorldEdit:
         To be added to, and removed from, the author's graph.
     """
 
-    world: WorldState
     graph: NamedNode
     new_exemplar: str = ""
     statements: list[Statement] = field(default_factory=list)
     withdrawn: list[Statement] = field(default_factory=list)
-    _last: dict[str, Placement] = field(default_factory=dict)
     _ended: set[str] = field(default_factory=set)
-    _made: dict[str, list[str]] = field(default_factory=dict)
+    _look: Look = field(default_factory=Look)
+    _guessed: dict[str, list[str]] = field(default_factory=dict)
+
+    def see_all(self, look: Sequence[Seen]) -> list[str]:
+        """State what was seen in one look; return the IRIs of the things, in its order.
+
+        Each is another thing. What a robot names is taken first, then what is nearest to where a
+        thing was: the order of a report says nothing, and must not decide which of two equal cups
+        was moved.
+        """
+        seen_as: dict[int, str] = {}
+        for k in self._nearest_first(look):
+            seen_as[k] = self.see(look[k])
+        return [seen_as[k] for k in range(len(look))]
+
+    def _nearest_first(self, look: Sequence[Seen]) -> list[int]:
+        alike = Counter(seen.product for seen in look if not seen.exemplar)
+        away: list[tuple[float, int, str]] = []
+        for k, seen in enumerate(look):
+            if seen.exemplar or alike[seen.product] < 2:
+                continue
+            candidates = (self.candidate(name, seen) for name in self.exemplars(seen.product))
+            away += [(c.distance_m, k, c.exemplar) for c in candidates if c.distance_m is not None]
+        named = [k for k, seen in enumerate(look) if seen.exemplar]
+        return in_order(named, sorted(away), len(look))
 
     def see(self, seen: Seen) -> str:
         """State that a thing was seen; return its IRI, a new one if it is none of those known.
 
         What was put on or into something stays there, now with its pose, unless it is seen beside.
         """
+        exemplar = (not seen.exemplar and self._look.twice(seen)) or self._see(seen)
+        self._look.add(seen, exemplar)
+        return exemplar
+
+    def _see(self, seen: Seen) -> str:
         exemplar = seen.exemplar
         doubts: tuple[tuple[str, float], ...] = ()
         if not exemplar:
             candidates = [
-                self._candidate(candidate, seen) for candidate in self._exemplars(seen.product)
-            ]
+                self.candidate(candidate, seen) for candidate in self.exemplars(seen.product)
+                if not self._look.has(candidate, seen.time_s)
+            ]  # fmt: skip
             identity = identify(candidates, seen.sigma_m, seen.min_extent_m)
             exemplar, doubts = identity.exemplar, identity.doubts
+            if identity.is_followed:
+                exemplar = self._united(exemplar, candidates, seen)
+            elif exemplar:
+                self._guessed.setdefault(seen.product, []).append(exemplar)
+            else:
+                # Of three cups in sight two were lost: which two, nobody knows.
+                found = self._guessed.get(seen.product, ())
+                doubts += tuple((name, 1.0 / (len(found) + 1)) for name in found)
             # A thing that was followed all along is known by that, and needs no doubts.
             if exemplar and not identity.is_followed:
-                doubts += self._mutual_doubts(exemplar, {name for name, _ in doubts})
+                doubts += mutual_doubts(self.world, exemplar, {name for name, _ in doubts})
         if not exemplar:
             exemplar = self.make_exemplar(seen.product)
         for other, chance in doubts:
@@ -130,25 +121,45 @@ class WorldEdit:
                 base = self.world.kb.base
                 self.statements += doubted(base, exemplar, other, chance, seen.time_s)
         last = self.last(exemplar)
-        # Told late: what is known is newer, and a place in the past would contradict it.
         if last is not None and seen.time_s < last.begin:
+            self._see_late(exemplar, seen)
             return exemplar
-        if last is not None and last.is_current and self._is_there(last, seen):
+        if last is not None and last.is_current and self.is_there(last, seen):
             self._confirm(last, seen.time_s)
             self._settle(last, seen.time_s)
             return exemplar
-        stays = last is not None and last.is_current and self._stays(last, seen)
+        if was_seen_since(last, seen.time_s):
+            return exemplar
+        stays = last is not None and last.is_current and self.stays(last, seen)
         # Seen where it was put, a thing stays in its box; only its pose is new.
         relation, place = (last.relation, last.place) if last and stays else _NO_PLACE
         self._close(exemplar, seen.time_s)
-        self._open(
-            Placement(
-                self._node(), exemplar, seen.time_s, None, seen.time_s, relation, place, seen.frame,
-                seen.frame_from_exemplar, seen.sigma_m, seen.confidence, seen.agent,
-                seen.source,
-            )
-        )  # fmt: skip
+        self._open(self._seen_at(exemplar, seen, relation, place))
         return exemplar
+
+    def _seen_at(
+        self, exemplar: str, seen: Seen, relation: Relation = "at", place: str = ""
+    ) -> Placement:
+        return Placement(
+            self._node(), exemplar, seen.time_s, None, seen.time_s, relation, place, seen.frame,
+            seen.frame_from_exemplar, seen.sigma_m, seen.confidence, seen.agent, seen.source,
+        )  # fmt: skip
+
+    def _see_late(self, exemplar: str, seen: Seen) -> None:
+        """State where a thing was seen before it came to its last place."""
+        known = self._then(exemplar, seen.time_s)
+        if known is None:
+            return
+        before = known.placement
+        if before is not None and before.holds_at(seen.time_s) and self.is_there(before, seen):
+            self._confirm(before, seen.time_s)
+            return
+        self.statements += inserted(known, self._seen_at(exemplar, seen), seen.time_s)
+
+    def _then(self, exemplar: str, time_s: float) -> Then | None:
+        """Return what is known of a thing at a time before its last place; None of a new one."""
+        # What this commit says of it is in no index yet, and is not older than the commit itself.
+        return None if exemplar in self._last else then(self.world, exemplar, time_s)
 
     def put(
         self,
@@ -171,13 +182,19 @@ class WorldEdit:
         """
         last = self.last(exemplar)
         if last is not None and time_s < last.begin:
+            known = self._then(exemplar, time_s)
+            if known is not None and not is_same_place(known.placement, relation, place, time_s):
+                told = Placement(self._node(), exemplar, time_s, None, time_s, relation, place,
+                                 confidence=confidence, agent=agent, source=source)  # fmt: skip
+                self.statements += inserted(known, told, time_s)
             return
-        is_same = last is not None and (last.relation, last.place) == (relation, place)
-        if last is not None and last.is_current and is_same:
+        if last is not None and is_same_place(last, relation, place, time_s):
             self._confirm(last, time_s)
             return
+        if was_seen_since(last, time_s):
+            return
         # What a hand carried is turned on its way; only what others moved beneath keeps its pose.
-        pose = None if was_carried or relation == "held_by" else self._pose_at(last, place, time_s)
+        pose = None if was_carried or relation == "held_by" else self.pose_at(last, place, time_s)
         self._close(exemplar, time_s)
         self._open(
             Placement(
@@ -198,7 +215,10 @@ class WorldEdit:
         """
         for exemplar in exemplars:
             last = self.last(exemplar)
-            if last is None or time_s < last.begin:
+            if last is not None and time_s < last.begin:
+                known = self._then(exemplar, time_s)
+                self.statements += () if known is None else inserted(known, None, time_s)
+            if last is None or time_s < last.begin or was_seen_since(last, time_s):
                 continue
             other = self._carried(last, exemplars) if last.is_current else None
             # The loss of one thing and the sight of a new one are the same event: it was moved.
@@ -209,7 +229,7 @@ class WorldEdit:
 
     def _carried(self, last: Placement, lost: Sequence[str]) -> Placement | None:
         """Return the first placement of a thing that turns out to be a lost one, or None."""
-        for other in self._doubts_about(last.subject):
+        for other in doubts_about(self.world, last.subject):
             first = self.world.first_placement(other)
             doubts = [name for name, _ in self.world.doubts(other)]
             if self.world.is_merged(other) or last.subject not in doubts or first is None:
@@ -266,7 +286,7 @@ class WorldEdit:
         The one in its hand; else the one that it, then anybody, saw or moved last in its frames.
         """
         ranked: list[tuple[bool, bool, float, str]] = []
-        for exemplar in self._exemplars(product):
+        for exemplar in self.exemplars(product):
             last = self.last(exemplar)
             if last is not None:
                 is_held = last.is_current and last.place in hands
@@ -300,117 +320,28 @@ class WorldEdit:
         self.statements, self.withdrawn = [], []
         return drained
 
-    def last(self, exemplar: str) -> Placement | None:
-        """Return the last placement of a thing, with what this commit changes."""
-        known = self._last.get(exemplar)
-        return known if known or self._is_made(exemplar) else self.world.last_placement(exemplar)
+    def _united(self, exemplar: str, candidates: Sequence[Candidate], seen: Seen) -> str:
+        """Return the thing that is seen, after others that turn out to be it were merged into it.
 
-    def _is_made(self, exemplar: str) -> bool:
-        return any(exemplar in made for made in self._made.values())
-
-    def _exemplars(self, product: str) -> list[str]:
-        return [*self.world.exemplars_of(product), *self._made.get(product, ())]
-
-    def _candidate(self, exemplar: str, seen: Seen) -> Candidate:
-        last = self.last(exemplar)
-        if last is None:
-            return Candidate(exemplar, None, _NOWHERE, is_current=False, is_reachable=False)
-        # What this commit changes is not in the index yet, from which the spread counts events.
-        pending = exemplar in self._last
-        spread = spread_of(last, seen.time_s) if pending else self.world.spread(last, seen.time_s)
-        there = self.world.pose_in(last, seen.frame, seen.time_s)
-        is_in_place = None
-        if last.is_current and last.frame_from_subject is None and last.relation in ("on", "in"):
-            is_in_place = is_at(self.world, last.place, _pose_of(seen))
-            before = self._pose_before(last) if is_in_place is None else None
-            if before is not None:
-                there = self.world.pose_in(before, seen.frame, seen.time_s)
-        is_own = last.place.startswith(f"{seen.robot}/") or last.place in seen.hands
-        return Candidate(
-            exemplar,
-            None if there is None else _distance(there[0], seen.frame_from_exemplar),
-            spread,
-            last.is_current,
-            last.is_current and last.place in seen.hands,
-            there is not None or is_own or self._was_in_reach(last, seen),
-            seen.time_s - last.confirmed,
-            last.relation == "held_by" and not last.is_current,
-            bool(is_in_place),
-        )
-
-    def _was_in_reach(self, last: Placement, seen: Seen) -> bool:
-        """Whether a thing that was in a hand or box last was in the frames of a robot before."""
-        if last.frame_from_subject is not None or self._is_made(last.subject):
-            return False
-        posed = self.world.last_with_pose(last.subject)
-        return posed is not None and self.world.pose_in(posed, seen.frame, seen.time_s) is not None
-
-    def _is_there(self, last: Placement, seen: Seen) -> bool:
-        there = self.world.pose_in(last, seen.frame, seen.time_s)
-        if there is None:
-            return False
-        # Between two frames, the error of their transform comes on top of the least move.
-        pose, moved_m = there[0], MOVED_M + (0.0 if last.frame == seen.frame else seen.sigma_m)
-        if float(np.linalg.norm(pose[:3, 3] - seen.frame_from_exemplar[:3, 3])) > moved_m:
-            return False
-        # A round thing has no angle about its own axis.
-        if seen.is_round:
-            cosine = pose[:3, 2] @ seen.frame_from_exemplar[:3, 2]
-        else:
-            cosine = (np.trace(pose[:3, :3].T @ seen.frame_from_exemplar[:3, :3]) - 1.0) / 2.0
-        return bool(np.arccos(np.clip(cosine, -1.0, 1.0)) <= MOVED_RAD)
-
-    def _stays(self, last: Placement, seen: Seen) -> bool:
-        """Whether a thing that was put on or into something is still there where it is seen now.
-
-        Where the graph does not know where the place is or how large, a look can contradict it only
-        by what was seen before: a shove leaves a thing where it is, and a thing that stands where
-        it stood when somebody said what it is on has not been taken away.
+        Where maps were tied, or a table was moved, since two robots made a thing each.
         """
-        if last.relation not in ("on", "in"):
-            return False
-        is_there = is_at(self.world, last.place, _pose_of(seen))
-        if is_there is not None:
-            return is_there
-        if last.frame_from_subject is None:
-            if last.relation == "in":  # things are seen on tables, and seldom in boxes
-                return False
-            before = self._pose_before(last)
-            return bool(seen.exemplar) or (before is not None and self._is_there(before, seen))
-        # Put down and nudged, it is still on the same table.
-        there = self.world.pose_in(last, seen.frame, seen.time_s)
-        return there is not None and _distance(there[0], seen.frame_from_exemplar) <= NEARBY_M
-
-    def _pose_before(self, last: Placement) -> Placement | None:
-        """Return the place with a pose that a thing had when somebody stated what it is on.
-
-        What is in a box now was moved into it.
-        """
-        if last.relation != "on" or self._is_made(last.subject):
-            return None
-        for entry in self.world.entries(last.subject):
-            if entry.end != last.begin or entry.place >= 0 or entry.frame < 0:
+        reach_m = max(MOVED_M, seen.min_extent_m / 2.0)
+        for other in candidates:
+            is_here = other.is_current and other.distance_m is not None
+            if other.exemplar == exemplar or not is_here or (other.distance_m or 0.0) > reach_m:
                 continue
-            placement = self.world.index.read(entry.node)
-            if placement is not None and placement.frame_from_subject is not None:
-                return replace(last, frame=placement.frame, begin=placement.begin,
-                               frame_from_subject=placement.frame_from_subject,
-                               sigma_m=placement.sigma_m)  # fmt: skip
-        return None
-
-    def _pose_at(self, last: Placement | None, place: str, time_s: float) -> Pose | None:
-        """Return the pose that a thing has, if that is at a place; in a frame that stays."""
-        if last is None or not last.is_current or last.frame_from_subject is None:
-            return None
-        frame = last.frame
-        if self.world.frames.is_of_robot(frame):  # what it measured is where the robot was then
-            frame = self.world.frames.rooted(frame, time_s, last.begin).root
-        there = self.world.pose_in(last, frame, time_s)
-        if there is None:
-            return None
-        sigma_m = float(np.hypot(last.sigma_m, np.sqrt(there[1])))
-        pose = Pose(frame, there[0], time_s, sigma_m)
-        return pose if is_at(self.world, place, pose) else None
+            pair = [self.world.last_placement(name) for name in (exemplar, other.exemplar)]
+            first, second = sorted((p for p in pair if p is not None), key=lambda p: p.begin)
+            if {first.subject, second.subject} & {*self._last, *self._ended}:
+                continue  # this commit moves one of them
+            if not is_moved_together(self.world, first, second, seen.time_s):
+                continue
+            self._close(first.subject, second.begin)
+            same = NamedNode(second.subject), RT.mergedInto, NamedNode(first.subject)
+            self.statements.append(same)
+            self._last[first.subject] = replace(second, subject=first.subject)
+            exemplar = first.subject
+        return exemplar
 
     def _open(self, placement: Placement) -> None:
         self.statements += placed(placement)
@@ -419,7 +350,7 @@ class WorldEdit:
     def _close(self, subject: str, time_s: float) -> None:
         """End the placement of a thing, and earlier ones that an undone change left without end."""
         last = self.last(subject)
-        stored = [] if self._is_made(subject) else self.world.open_placements(subject)
+        stored = [] if self.is_made(subject) else self.world.open_placements(subject)
         stray = [
             placement for placement in stored
             if placement.iri not in self._ended and (last is None or placement.iri != last.iri)
@@ -453,7 +384,7 @@ class WorldEdit:
 
     def _settle(self, last: Placement, time_s: float) -> None:
         """State that a thing which is still there is not another one that was seen meanwhile."""
-        for other in self._doubts_about(last.subject):
+        for other in doubts_about(self.world, last.subject):
             place = self.last(other)
             # Both were in place at the same time, so that they are two.
             if place is None or not place.is_current or not last.begin < place.begin < time_s:
@@ -462,35 +393,9 @@ class WorldEdit:
             if not self.world.kb.match(first, RT.distinctFrom, second):
                 self.statements.append((first, RT.distinctFrom, second))
 
-    def _doubts_about(self, exemplar: str) -> list[str]:
-        return sorted(
-            quad.subject.value
-            for quad in self.world.kb.match(None, RT.possiblyIdenticalTo, iri(exemplar))
-            if isinstance(quad.subject, NamedNode)
-        )
-
-    def _mutual_doubts(
-        self, exemplar: str, named: Collection[str]
-    ) -> tuple[tuple[str, float], ...]:
-        """Return the things that may be this one, which then may be any of them."""
-        chances = (
-            (other, dict(self.world.doubts(other)).get(exemplar))
-            for other in self._doubts_about(exemplar)
-            if other not in named and not self.world.is_merged(other)
-        )
-        return tuple((other, chance) for other, chance in chances if chance is not None)
-
-
-def _pose_of(seen: Seen) -> Pose:
-    return Pose(seen.frame, seen.frame_from_exemplar, seen.time_s, seen.sigma_m)
-
 
 def _posed(pose: Pose | None) -> dict[str, Any]:
     if pose is None:
         return {}
     return {"frame": pose.frame, "frame_from_subject": pose.frame_from_exemplar,
             "sigma_m": pose.sigma_m}  # fmt: skip
-
-
-def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-    return float(np.linalg.norm(first[:3, 3] - second[:3, 3]))

@@ -106,8 +106,17 @@ def label_of(world: WorldState, node: str) -> str:
         return ""
     for named in (node, world.product_of(node)):
         for quad in world.kb.match(iri(named), RT.name) if named else ():
-            return str(python_value(quad.object))
-    return local_name(node)
+            return _owned(world, node, str(python_value(quad.object)))
+    return _owned(world, node, local_name(node))
+
+
+def _owned(world: WorldState, node: str, label: str) -> str:
+    """Return the label of an end effector with its robot: every robot has a "hand"."""
+    for quad in world.kb.match(None, RT.hasEndEffector, iri(node)):
+        if isinstance(quad.subject, NamedNode):
+            for name in world.kb.match(quad.subject, RT.name):
+                return f"{label} of {python_value(name.object)}"
+    return label
 
 
 def _is_iri(name: str) -> bool:

@@ -6,7 +6,7 @@ Tables and boxes have a size as well, so that a pose can be on, in or beside one
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
     from rtask.world.state import WorldState
 
-__all__ = ["Pose", "Spot", "Spots", "extents_of", "is_at", "size_of"]
+__all__ = ["Pose", "Spot", "Spots", "carried", "extents_of", "is_at", "size_of"]
 
 _MAX_NESTING = 64
 _SURFACE = (RT.surfaceLength, RT.surfaceWidth, RT.rimHeight)
@@ -127,6 +127,7 @@ class Spots:
 
     def _of_exemplar(self, thing: str, placement: Placement, depth: int) -> Spot | None:
         still = self.world.spread(placement, self.time_s).still_there * placement.confidence
+        placement = carried(self.world, placement, self.time_s)
         if placement.frame_from_subject is not None:
             measured_s = min(placement.begin, self.time_s)
             pose, sigma = placement.frame_from_subject, placement.sigma_m
@@ -155,6 +156,34 @@ class Spots:
             return None
         sigma = float(np.hypot(sigma_m, np.sqrt(rooted.variances_m2[-1])))
         return Spot(node, rooted.root, rooted.poses[-1] @ pose, sigma, still)
+
+
+def carried(world: WorldState, placement: Placement, time_s: float) -> Placement:
+    """Return a placement with the pose that its thing has at a time, as what it is on or in moved.
+
+    A cup on a tray, or in a box, goes where that goes. Its pose was measured from somewhere else,
+    so that it would stay behind. Without a pose where nobody knows that of the tray any more.
+    """
+    if placement.relation not in ("on", "in") or placement.frame_from_subject is None:
+        return placement
+    measured_s = min(placement.begin, time_s)
+    then = Spots(world, measured_s).of(placement.place)
+    if then is None:
+        return placement
+    now = Spots(world, time_s).of(placement.place)
+    if now is None:
+        return replace(placement, frame="", frame_from_subject=None)
+    if now.root == then.root and np.allclose(now.root_from_node, then.root_from_node, atol=1e-9):
+        return placement
+    there = world.frames.rooted(placement.frame, measured_s)
+    if there.fault or there.root != then.root:
+        return placement
+    place_from_subject = np.linalg.inv(then.root_from_node) @ there.poses[-1]
+    pose = now.root_from_node @ place_from_subject @ placement.frame_from_subject
+    sigma_m = float(np.linalg.norm(
+        [placement.sigma_m, then.sigma_m, now.sigma_m, np.sqrt(there.variances_m2[-1])]
+    ))  # fmt: skip
+    return replace(placement, frame=now.root, frame_from_subject=pose, sigma_m=sigma_m)
 
 
 @dataclass(frozen=True, eq=False)

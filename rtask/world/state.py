@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import weakref
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["WorldState"]
 
 _NEVER = float("inf")
+_MAX_STANDINGS = 8
+"""Standings of a robot that walked about, of which what it saw meanwhile is looked at."""
 
 
 class WorldState:
@@ -206,16 +210,48 @@ class WorldState:
 
     def spread(self, placement: Placement, time_s: float) -> Spread:
         """Return how far the thing of a placement may be from there at a time."""
-        events = self.index.events_near(placement, placement.confirmed, time_s, NEARBY_M)
+        # A pose is not measured anew while the thing is seen about there, but hands shift it.
+        times_s = self._events_near(placement, time_s)
+        events, shifts = sum(t > placement.confirmed for t in times_s), len(times_s)
         if placement.frame and not self.frames.is_of_robot(placement.frame):
             # A table that was pushed may have shaken off what stood on it.
             events += len(self.index.begins(placement.frame, placement.confirmed, time_s))
-        # A pose is not measured anew while the thing is seen about there, but hands shift it.
-        shifts = self.index.events_near(placement, placement.begin, time_s, NEARBY_M)
         spread = spread_of(placement, time_s, events, shifts)
         if placement.end is None or not placement.confirmed < time_s < placement.end:
             return spread
         return self._in_hindsight(placement, time_s, spread)
+
+    def _events_near(self, placement: Placement, time_s: float) -> list[float]:
+        """Return when other things came to or left the surroundings of a place since it began.
+
+        Whoever saw them: two robots at a table measure in a frame each, and one that walks measured
+        in its own frame from where it stood.
+        """
+        here = placement.frame_from_subject
+        if here is None or time_s <= placement.begin:
+            return []
+        events: list[float] = []
+        window_s = placement.begin, time_s
+        for frame in self.index.posed_frames():
+            for stood_s in self._standings(frame, time_s):
+                asked_s = time_s if math.isinf(stood_s[0]) else stood_s[0]
+                way = self.frames.way(frame, placement.frame, asked_s, placement.begin)
+                if way.target_from_source is not None:
+                    spot = (way.target_from_source @ here)[:3, 3]
+                    events += self.index.events_near(
+                        placement.subject, frame, spot, window_s, NEARBY_M, stood_s
+                    )  # fmt: skip
+        return events
+
+    def _standings(self, frame: str, time_s: float) -> list[tuple[float, float]]:
+        """Return from and until when a robot's frame stood somewhere, the latest; else all time.
+
+        What was measured from a table moves along with it, so that only where it is now counts.
+        """
+        if not self.frames.is_of_robot(frame):
+            return [(-_NEVER, _NEVER)]
+        begins = self.index.begins(frame, -_NEVER, time_s)[-_MAX_STANDINGS:]
+        return list(itertools.pairwise([*begins, _NEVER])) or [(-_NEVER, _NEVER)]
 
     def _in_hindsight(self, placement: Placement, time_s: float, spread: Spread) -> Spread:
         """Return the spread between when a thing was last seen at a place and when it was gone.

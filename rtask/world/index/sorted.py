@@ -12,16 +12,17 @@ import math
 import threading
 from bisect import bisect_left, insort
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rtask.rdf.namespaces import PREFIXES, RT
+from rtask.rdf.namespaces import PREFIXES, RDF, RT
 from rtask.rdf.terms import NamedNode
 from rtask.world.index.cache import PlacementCache
 from rtask.world.index.cells import CELL_M, Cells, cell_of, cells_around
 from rtask.world.index.columns import joined, order_of
+from rtask.world.index.moments import Moments, moments_about
 from rtask.world.index.stays import stays_from
 from rtask.world.index.tail import Entry, Tail
 from rtask.world.placement import RELATIONS, TIME, Placement, seconds
@@ -36,6 +37,7 @@ __all__ = ["Moments", "PlacementIndex"]
 _MIN_TAIL, _TAIL_RATIO = 1024, 256
 """Placements that lie in the tail until it is sorted in, at least, and as a share of all."""
 _NEVER = float("inf")
+_ALWAYS = (-_NEVER, _NEVER)
 _WATCHED = frozenset({RT.placementOf, RT.placementPose, TIME.hasBeginning, TIME.hasEnd, *RELATIONS})
 _ALL = """
 SELECT ?placement ?subject ?begin (MIN(?ended) AS ?end) (SAMPLE(?in) AS ?frame)
@@ -52,15 +54,6 @@ WHERE {
     ?pose rt:inFrame ?in ; rt:x ?px ; rt:y ?py ; rt:z ?pz
   }
 } GROUP BY ?placement ?subject ?begin"""
-
-
-class Moments(NamedTuple):
-    """Unix times, s, of the first and the last change, and of those before and after an instant."""
-
-    first_s: float
-    last_s: float
-    before_s: float | None
-    after_s: float | None
 
 
 class PlacementIndex:
@@ -297,31 +290,8 @@ class PlacementIndex:
         """
         with self._lock:
             self._catch_up()
-            tail = [moment for e in self._tail.values() for moment in (e.begin, e.end)]
-            before = [moment for moment in tail if moment < time_s]
-            after = [moment for moment in tail if time_s < moment < _NEVER]
-            first = [e.begin for e in self._tail.values()]
-            for times, order in ((self._begins, self._by_begin), (self._ends, self._by_end)):
-                low = int(np.searchsorted(times, time_s, side="left", sorter=order))
-                high = int(np.searchsorted(times, time_s, side="right", sorter=order))
-                before += self._first_staying(times, order[:low][::-1])
-                after += self._first_staying(times, order[high:])
-            first += self._first_staying(self._begins, self._by_begin)
-            if not first:
-                return None
-            last = [moment for moment in tail if moment < _NEVER]
-            for times, order in ((self._begins, self._by_begin), (self._ends, self._by_end)):
-                high = int(np.searchsorted(times, _NEVER, side="left", sorter=order))
-                last += self._first_staying(times, order[:high][::-1])
-            return Moments(
-                min(first), max(last), max(before, default=None),
-                min((moment for moment in after if moment < _NEVER), default=None),
-            )  # fmt: skip
-
-    def _first_staying(self, times: NDArray[np.float64], rows: NDArray[np.intp]) -> list[float]:
-        """Return the time of the first of some rows that is not gone, if there is one."""
-        return [float(times[k]) for k in itertools.islice(
-            (k for k in rows if int(k) not in self._gone), 1)]  # fmt: skip
+            changes = (self._begins, self._by_begin), (self._ends, self._by_end)
+            return moments_about(time_s, self._tail.values(), changes, self._gone)
 
     def subjects(self) -> list[str]:
         """Return the things and frames that have placements."""
@@ -330,39 +300,58 @@ class PlacementIndex:
             return list(self._numbers)
 
     def events_near(
-        self, placement: Placement, since_s: float, until_s: float, radius_m: float
-    ) -> int:
-        """Return how often another thing came to, or left, the surroundings of a placement.
+        self,
+        subject: str,
+        frame: str,
+        spot: NDArray[np.float64],
+        window_s: tuple[float, float],
+        radius_m: float,
+        stood_s: tuple[float, float] = _ALWAYS,
+    ) -> list[float]:
+        """Return when other things came to, or left, the surroundings of a spot; Unix times, s.
 
-        Counted are the begins and ends in an interval, of placements in the same frame.
+        Those are the begins and ends of placements whose poses were measured in the same frame.
 
         Parameters
         ----------
+        subject
+            IRI of the thing that is there, whose own placements do not count.
+        frame, spot : (3,), m
+            IRI of the frame, and the position there.
+        window_s
+            Unix times: after the first, and by the second.
         radius_m
             At most the edge of a cell of the index, m.
+        stood_s
+            Unix times from and until which the frame stood where it does: only what was measured
+            then. The end of a place is where it was measured, wherever the robot is by then.
         """
         assert radius_m <= CELL_M
-        if placement.frame_from_subject is None:
-            return 0
+        since_s, until_s = window_s
         with self._lock:
             self._catch_up()
-            frame = self._numbers.get(placement.frame, -2)
-            subject = self._numbers.get(placement.subject, -2)
-            here = placement.frame_from_subject[:3, 3]
-            spot: list[float] = here.tolist()
-            cell = cell_of(frame, *spot)
-            events = 0
-            for cells in (self._begin_cells, self._end_cells):
+            number = self._numbers.get(frame, -2)
+            own = self._numbers.get(subject, -2)
+            cell = cell_of(number, *spot.tolist())
+            events: list[float] = []
+            for cells, times in ((self._begin_cells, self._begins), (self._end_cells, self._ends)):
                 rows = cells.rows_near(cell, since_s, until_s)
-                rows = rows[(self._frames[rows] == frame) & (self._subjects[rows] != subject)]
-                near = np.linalg.norm(self._positions[rows] - here, axis=1) <= radius_m
-                events += sum(int(k) not in self._gone for k in rows[near])
+                rows = rows[(self._frames[rows] == number) & (self._subjects[rows] != own)]
+                rows = rows[(stood_s[0] <= self._begins[rows]) & (self._begins[rows] < stood_s[1])]
+                near = np.linalg.norm(self._positions[rows] - spot, axis=1) <= radius_m
+                events += [float(times[k]) for k in rows[near] if int(k) not in self._gone]
             for entry in self._tail.in_cells(cells_around(cell)):
-                moments = (since_s < entry.begin <= until_s) + (since_s < entry.end <= until_s)
-                is_other = moments and entry.subject != subject
-                if is_other and math.dist((entry.x, entry.y, entry.z), spot) <= radius_m:
-                    events += moments
+                is_then = stood_s[0] <= entry.begin < stood_s[1]
+                is_near = math.dist((entry.x, entry.y, entry.z), spot) <= radius_m
+                if is_then and is_near and entry.subject != own:
+                    events += [t for t in (entry.begin, entry.end) if since_s < t <= until_s]
             return events
+
+    def posed_frames(self) -> list[str]:
+        """Return the frames in which poses of placements are, or were, measured."""
+        with self._lock:
+            self._catch_up()
+            return list(self._posed.values())
 
     def _range(self, number: int) -> tuple[int, int]:
         low, high = np.searchsorted(self._subjects, [number, number + 1])
@@ -418,7 +407,7 @@ class PlacementIndex:
         end = _NEVER if placement.end is None else placement.end
         pose, frame, position = placement.frame_from_subject, -1, (0.0, 0.0, 0.0)
         if pose is not None:
-            frame = self._number(placement.frame)
+            frame = self._frame_for(placement.subject, placement.frame)
             position = (float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3]))
         subject = self._number(placement.subject)
         place = self._place(placement.relation, placement.place)
@@ -436,7 +425,9 @@ class PlacementIndex:
                     seconds(row.value("begin")),
                     str(row.value("placement")),
                     _NEVER if row["end"] is None else seconds(row.value("end")),
-                    self._number(str(row.value("frame"))) if has_pose else -1,
+                    self._frame_for(str(row.value("subject")), str(row.value("frame")))
+                    if has_pose
+                    else -1,
                     x,
                     y,
                     z,
@@ -453,6 +444,8 @@ class PlacementIndex:
 
     def _clear(self) -> None:
         self._numbers: dict[str, int] = {}
+        self._posed: dict[int, str] = {}
+        self._is_frame: dict[int, bool] = {}
         self._places: dict[tuple[str, str], int] = {}
         self._nodes: list[str] = []
         self._subjects: NDArray[np.int32] = np.empty(0, np.int32)
@@ -492,3 +485,16 @@ class PlacementIndex:
 
     def _number(self, name: str) -> int:
         return self._numbers.setdefault(name, len(self._numbers))
+
+    def _frame_for(self, subject: str, frame: str) -> int:
+        """Return the number of the frame of a thing's pose; -1 for that of a frame.
+
+        A table whose origin lies beside a cup is no other thing that came near the cup.
+        """
+        number = self._number(subject)
+        if number not in self._is_frame:
+            self._is_frame[number] = bool(self._kb.match(NamedNode(subject), RDF.type, RT.Frame))
+        if self._is_frame[number]:
+            return -1
+        self._posed[self._number(frame)] = frame
+        return self._number(frame)

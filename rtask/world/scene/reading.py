@@ -18,7 +18,7 @@ from rtask.world.names import find_frame, label_of
 from rtask.world.placement import Placement
 from rtask.world.scene.grasps import DEFAULT_GRASPS, StoredGrasp, grasps_of
 from rtask.world.scene.nodes import Fact, Kind, Scene, SceneNode, SceneSurface, Unplaced
-from rtask.world.spots import Spot, Spots, size_of
+from rtask.world.spots import Spot, Spots, carried, size_of
 from rtask.world.surfaces import read_surface, stored_mesh
 
 if TYPE_CHECKING:
@@ -132,11 +132,12 @@ class _Reader:
             if placement is None:
                 continue
             spot = spots.of(thing)
+            now = carried(self.world, placement, self.time_s)
             if spot is None:
-                reason = self._why_unplaced(placement)
+                reason = self._why_unplaced(now)
                 self._unplaced.append(Unplaced(thing, label_of(self.world, thing), reason))
             else:
-                self._located.append(self._placed(thing, placement, spot))
+                self._located.append(self._placed(thing, now, spot))
 
     def fullest_root(self) -> str:
         """Return the root of the tree in which most things are, then most frames; "" for none."""

@@ -26,6 +26,9 @@ _WALK_MIN = 60
 _DEED = 0.2
 _SLIP = 0.05
 _BY_PERSON = 0.05
+_COVERS = 0.15
+_BUMPED_M = 0.2
+_LONGEST_COVER_S = 2400.0
 _IDENTITY = {"orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
 
 
@@ -36,9 +39,10 @@ class Sample:
     Parameters
     ----------
     kind
-        Of its true place: open or covered.
+        Of its place: open, or covered since it was last seen.
     away_m, radius90_m
-        The distance, and that within which it was said to be with a chance of 90 %.
+        The distance, infinite if it is out of the lab, and that within which it was said to be with
+        a chance of 90 %.
     """
 
     kind: str
@@ -118,22 +122,32 @@ def _furnish(engine: Engine, lab: Lab) -> None:
 
 
 def _let_people_act(day: Day, rng: np.random.Generator, time_s: float) -> None:
-    """Let a person move, swap, cover, take or bring back a thing, seen by nobody."""
+    """Let a person move, swap, bump, cover, take or bring back a thing, seen by nobody.
+
+    A cover hides a thing from robots, and not from people: they reach under it as often as for what
+    lies open, and whoever moves the thing takes the cover off.
+    """
+    if rng.random() < _COVERS:
+        _cover(day, rng, time_s)
     if rng.random() >= _BY_PERSON:
         return
     lab = day.lab
     table = str(rng.choice(list(TABLES)))
-    items = [item for item in lab.on(table) if item.covered_until_s <= time_s]
+    items = lab.on(table)
     away = [item for item in lab.items if item.now.kind == "away"]
-    what = str(rng.choice(["move", "swap", "cover", "take", "bring"]))
+    what = str(rng.choice(["move", "swap", "bump", "take", "bring"]))
     if what == "bring" and away:
         item = away[0]
         lab.move(item, Place("on", table, time_s, "", lab.free_spot(table)))
-    elif what in ("move", "take", "cover") and items:
+    elif what in ("move", "take", "bump") and items:
         item = items[int(rng.integers(len(items)))]
-        if what == "cover":
-            item.covered_until_s = time_s + float(rng.uniform(600.0, 2400.0))
-        elif what == "take" and len(away) < 3:
+        if what == "bump":
+            for jolted in (item, *lab.neighbours(item, _BUMPED_M)):
+                lab.nudge(jolted, time_s)
+            day.count("by people: bump")
+            return
+        item.covered_until_s = min(item.covered_until_s, time_s)
+        if what == "take" and len(away) < 3:
             lab.move(item, Place("away", "", time_s))
         else:
             target = str(rng.choice(list(TABLES)))
@@ -144,11 +158,23 @@ def _let_people_act(day: Day, rng: np.random.Generator, time_s: float) -> None:
         if first.product == other.product:
             return
         spot, other_spot = first.now.spot, other.now.spot
-        lab.move(first, Place("on", table, time_s, "", other_spot))
-        lab.move(other, Place("on", table, time_s, "", spot))
+        for item, there in ((first, other_spot), (other, spot)):
+            item.covered_until_s = min(item.covered_until_s, time_s)
+            lab.move(item, Place("on", table, time_s, "", there))
     else:
         return
     day.count(f"by people: {what}")
+
+
+def _cover(day: Day, rng: np.random.Generator, time_s: float) -> None:
+    """Let a person cover a thing for ten to forty minutes."""
+    table = str(rng.choice(list(TABLES)))
+    items = [item for item in day.lab.on(table) if item.covered_until_s <= time_s]
+    if items:
+        item = items[int(rng.integers(len(items)))]
+        item.covered_from_s = time_s
+        item.covered_until_s = time_s + float(rng.uniform(600.0, _LONGEST_COVER_S))
+        day.count("by people: cover")
 
 
 def _let_robot_act(
@@ -185,14 +211,25 @@ def _let_robot_act(
 
 
 def _sample(day: Day, rng: np.random.Generator, time_s: float) -> None:
-    """Ask where one thing is now, and note how far from there it is."""
-    item = day.lab.items[int(rng.integers(len(day.lab.items)))]
-    iri = day.iri_of(item)
-    if not iri or item.now.kind != "on":
+    """Ask where one thing is now, and note how far from there it is.
+
+    Every second time one that was covered of late, of which there are fewer. It counts as covered
+    if it was since it was last seen, also when somebody has carried it off from under the cover:
+    else only those would be judged that nobody moved.
+    """
+    of_late = rng.random() < 0.5
+    items = [
+        item for item in day.lab.items
+        if item.now.kind in ("on", "away")
+        and (item.covered_from_s > time_s - _LONGEST_COVER_S) == of_late
+    ]  # fmt: skip
+    item = items[int(rng.integers(len(items)))] if items else None
+    iri = "" if item is None else day.iri_of(item)
+    if item is None or not iri:
         return
     for place in ask(day.engine, "where_is", name=iri, frame="map", stamp=time_s)["things"]:
         if place.pose is not None and place.radius90 is not None:
-            at = place.pose["position"]
-            away_m = distance((at["x"], at["y"]), item.now.spot)
-            kind = "covered" if item.covered_until_s > time_s else "open"
+            at, is_on = place.pose["position"], item.now.kind == "on"
+            away_m = distance((at["x"], at["y"]), item.now.spot) if is_on else np.inf
+            kind = "covered" if item.covered_from_s >= place.seen else "open"
             day.samples.append(Sample(kind, away_m, place.radius90))

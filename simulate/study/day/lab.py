@@ -59,6 +59,7 @@ class Item:
     name: str
     product: int
     log: list[Place] = field(default_factory=list)
+    covered_from_s: float = 0.0
     covered_until_s: float = 0.0
 
     @property

@@ -52,7 +52,7 @@ def filled(kb: KnowledgeBase, count: int) -> None:
     """Fill the index of a graph with so many placements, and let them be made when read."""
     index = kb.world.index
     index._clear()
-    frame = index._number(FRAME)
+    frame = index._frame_for(f"{BASE}thing/0", FRAME)
     spots = np.random.default_rng(1).uniform(-5.0, 5.0, (count, 2)).tolist()
     entries = []
     for number, (x, y) in enumerate(spots):
@@ -78,10 +78,9 @@ def ask(count: int) -> None:
             where = percentiles_ms(
                 lambda k, at: kb.world.where_is(f"{BASE}thing/{k}", at=at).is_known, last_s, THINGS
             )
-            stood = Placement("urn:p", "urn:stood", 0.0, None, 0.0, "at", "", FRAME, np.eye(4))
             start = time.process_time()
             for _ in range(20):
-                kb.world.index.events_near(stood, 0.0, last_s, 0.2)
+                kb.world.index.events_near("urn:stood", FRAME, np.zeros(3), (0.0, last_s), 0.2)
             near_ms = 1e3 * (time.process_time() - start) / 20
         finally:
             PlacementCache.read = read  # type: ignore[method-assign]

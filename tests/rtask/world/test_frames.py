@@ -222,3 +222,36 @@ def test_a_robot_that_walked_sees_the_same_thing_and_others_may_confirm_it(lab, 
     assert place.frame_from_exemplar[0, 3] == pytest.approx(1.3)
     (place,) = lab.ask(cup, 310, frame="nao-1/base").exemplars
     assert place.frame_from_exemplar[0, 3] == pytest.approx(-7.7), "in its own frame, too"
+
+
+@pytest.mark.parametrize("is_seen_by", ["nao-1", "nao-2"])
+def test_a_cup_that_two_robots_know_by_a_map_each_is_one_once_the_maps_are_tied(lab, is_seen_by):
+    maps = [f"{BASE}frame/map-{k}" for k in (1, 2)]
+    for robot, map_ in zip(("nao-1", "nao-2"), maps, strict=True):
+        lab.kb.update(f"{PREFIXES} INSERT DATA {{ <{map_}> a rt:Frame }}")
+        lab.stand(lab.frame(robot), map_, 0.0, 0.0, -10)
+    first = lab.see(lab.cup, 1.0, 0.0, 0)
+    both = [lab.see(lab.cup, x, 0.0, 10, robot="nao-2") for x in (-1.0, 1.0)]
+    untied = lab.ask(both[0], 20, frame=maps[0]).exemplars[0]
+    assert untied.frame_reason
+    assert len({first, *both}) == 3
+    lab.stand(maps[1], maps[0], 2.0, 0.0, 30)
+    tied = lab.ask(both[0], 40, frame=maps[0]).exemplars[0]
+    assert tied.frame_from_exemplar[:2, 3] == pytest.approx([1.0, 0.0])
+    x = {"nao-1": 1.0, "nao-2": -1.0}[is_seen_by]
+    assert lab.see(lab.cup, x, 0.0, 50, robot=is_seen_by) == first
+    assert {place.exemplar for place in lab.ask("blue cup", 60).exemplars} == {first, both[1]}
+    assert lab.see(lab.cup, 1.0, 0.0, 70, robot="nao-2") == both[1]
+
+
+def test_two_cups_of_one_look_stay_two_whatever_is_said_of_frames(lab):
+    lab.stand(lab.table, lab.map, 0.0, 0.0, -10)
+    lab.stand(lab.frame(), lab.map, 0.0, 0.0, -10)
+    edit = lab.edit()
+    one, other = edit.see_all([
+        lab.seen(lab.cup, 0.5, 0.0, 0, frame=lab.table), lab.seen(lab.cup, 0.9, 0.0, 0),
+    ])  # fmt: skip
+    lab.commit(edit, "nao-1")
+    lab.stand(lab.table, lab.map, 0.4, 0.0, 10)  # as if the first were where the other one is
+    assert lab.see(lab.cup, 0.9, 0.0, 20) in (one, other)
+    assert not any(lab.kb.world.is_merged(thing) for thing in (one, other))

@@ -84,10 +84,69 @@ def test_a_second_cup_beside_one_in_the_box_is_another_one(lab):
     assert lab.ask(first, 30).exemplars[0].place == lab.left_box
 
 
-def test_an_old_report_changes_nothing(lab):
-    first = lab.see(lab.cup, 0.3, 0.1, 100)
-    assert lab.see(lab.cup, 0.31, 0.1, 50) == first
-    assert len(lab.kb.world.history(first)) == 1
+def test_an_old_report_says_where_a_thing_was_then_and_changes_nothing_of_now(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.see(lab.cup, 0.3, 0.1, 100)
+    lab.see(lab.cup, 0.9, 0.1, 300, exemplar=first)
+    assert lab.see(lab.cup, 0.31, 0.1, 200) == first  # it stood there still: no other one is made
+    assert lab.see(lab.cup, -0.5, 0.0, -100, exemplar=first) == first
+    now = lab.ask("blue cup", 400).exemplars
+    assert [place.frame_from_exemplar[0, 3] for place in now] == [pytest.approx(0.9)]
+    spots = [p.frame_from_subject[0, 3] for p in lab.kb.world.history(first)]
+    assert spots == pytest.approx([-0.5, 0.3, 0.9])
+    assert lab.current(first) == 1
+
+
+def test_what_was_seen_later_at_its_place_is_not_moved_by_an_older_report(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.see(lab.cup, 0.3, 0.1, 1000)
+    lab.see(lab.cup, 0.9, 0.1, 500, exemplar=first)
+    lab.put(first, "held_by", lab.hand("nao-2"), 600, robot="nao-2")
+    lab.lose(first, 700)
+    (place,) = lab.ask("blue cup", 1100).exemplars
+    assert (place.relation, place.seen_s) == ("at", lab.noon + 1000)
+
+
+def test_a_deed_that_is_told_late_stands_between_those_that_are_known(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.put(first, "held_by", lab.hand("nao-2"), 130, robot="nao-2")
+    lab.put(first, "held_by", lab.hand("nao-1"), 90)
+    held = [lab.ask("blue cup", t).exemplars[0].place for t in (80, 100, 140)]
+    assert held == ["", lab.hand("nao-1"), lab.hand("nao-2")]
+    lab.lose(first, 60)  # gone from the table before anybody says that it was taken
+    assert not lab.ask("blue cup", 70).is_known
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
+def test_in_one_look_each_is_another_thing_in_whatever_order_it_is_told(lab, order):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    long_s = 40 * 3600  # so long that all of the table is about where the cup was
+    spots = [(0.3, 0.1), (0.6, 0.1), (0.601, 0.1)]
+    edit = lab.edit()
+    told = edit.see_all([lab.seen(lab.cup, *spots[k], long_s) for k in order])
+    lab.commit(edit, "nao-1")
+    things = dict(zip(order, told, strict=True))
+    assert things[0] == first
+    assert things[1] == things[2] != first  # one cup that was taken for two
+
+
+def test_two_equal_cups_of_which_one_was_pushed_are_told_apart_by_the_nearer_one(lab):
+    one, other = lab.see(lab.cup, 0.3, 0.1, 0), lab.see(lab.cup, 0.45, 0.1, 0)
+    edit = lab.edit()
+    long_s = 40 * 3600
+    look = [lab.seen(lab.cup, x, 0.1, long_s) for x in (0.38, 0.45)]
+    assert edit.see_all(look) == [one, other]
+
+
+def test_of_three_in_sight_of_which_two_were_lost_each_may_be_either(lab):
+    lost = {lab.see(lab.cup, x, 0.1, 0) for x in (0.3, 0.5)}
+    for thing in sorted(lost):
+        lab.lose(thing, 60)
+    edit = lab.edit()
+    seen = edit.see_all([lab.seen(lab.cup, x, -0.2, 120) for x in (-0.3, 0.0, 0.3)])
+    lab.commit(edit, "nao-1")
+    (new,) = set(seen) - lost
+    assert {name for name, _ in lab.kb.world.doubts(new)} == lost
 
 
 def test_bodies_that_would_overlap_are_one_thing():

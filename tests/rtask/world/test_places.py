@@ -228,9 +228,22 @@ def test_what_came_and_went_near_a_place_is_counted_alike_before_and_after_sorti
             (20, 30, 0.1, 0),
             (0, 30, 0.04, 0),
         ):
-            found = index.events_near(placement, lab.noon + since_s, lab.noon + until_s, radius_m)
-            assert found == count, (index is followed, since_s, until_s, radius_m)
+            window_s = lab.noon + since_s, lab.noon + until_s
+            spot = placement.frame_from_subject[:3, 3]
+            found = index.events_near(box, placement.frame, spot, window_s, radius_m)
+            assert len(found) == count, (index is followed, since_s, until_s, radius_m)
     rebuilt.close()
+
+
+def test_what_another_robot_did_nearby_makes_a_place_less_sure_also_after_it_walked_on(lab):
+    lab.stand(lab.frame("nao-1"), lab.map, 0.0, 0.0, -10)
+    lab.stand(lab.frame("nao-2"), lab.map, 1.0, 0.0, -10)
+    cup = lab.see(lab.cup, 0.5, 0.0, 0)
+    box = lab.see(lab.box, -0.4, 0.0, 10, robot="nao-2")  # 10 cm from the cup
+    lab.stand(lab.frame("nao-2"), lab.map, 5.0, 0.0, 20)
+    lab.lose(box, 30)
+    spread = lab.kb.world.spread(lab.kb.world.last_placement(cup), lab.noon + 40)
+    assert spread.still_there == pytest.approx((1 - 0.08) ** 2, abs=1e-3)
 
 
 def test_the_index_sees_what_was_loaded_in_bulk(lab):

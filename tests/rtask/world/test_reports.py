@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -175,3 +176,19 @@ def test_of_an_instant_before_it_was_seen_it_is_not_said_that_nobody_has(look, e
     look(0, ("blue cup", 0.1, 0.0))
     before = engine.call("where_is", {"name": "blue cup", "stamp": NOON - 9}, NAO)
     assert before.text.endswith("nobody had seen it by then")
+
+
+def test_nothing_is_put_into_itself_or_into_what_it_holds(lab, look, put):
+    box, cup = look(0, ("tea box", 0.0, 0.0), ("blue cup", 0.5, 0.0))["things"]
+    with pytest.raises(UsageError, match="itself"):
+        put(box, box, 10, inside=True)
+    put(cup, box, 20, inside=True)
+    with pytest.raises(UsageError, match="blue cup is tea box itself, or on or in it"):
+        put(box, cup, 30)
+
+
+def test_a_clock_that_is_a_little_ahead_tells_of_now(lab, engine):
+    args = {"frame": "table", "stamp": time.time() + 40.0,
+            "seen": [{"object": "blue cup", "pose": pose_message(pose(0.1, 0.0))}]}  # fmt: skip
+    engine.call("report_sightings", args, NAO)
+    assert engine.call("where_is", {"name": "blue cup"}, NAO)["known"]

@@ -10,7 +10,7 @@ import pytest
 from rtask.engine import Engine
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import PREFIXES
-from tests.rtask.world.conftest import Lab, pose
+from tests.rtask.world.conftest import BASE, Lab, pose
 
 NAO = {
     "name": "nao-1", "model": "nao-h25-v5", "frames": ["base"],
@@ -149,3 +149,41 @@ def test_the_scene_has_tables_and_boxes_with_what_stands_in_them(places: Lab) ->
     assert poses["table"][:2] == ("place", (0.6, 0.6, 0.0))
     assert np.allclose(poses["blue cup"][2], pose(0.2, 0.3))
     assert scene.unplaced == ()
+
+
+def test_what_lies_in_a_box_goes_where_the_box_goes_though_a_robot_measured_it(lab: Lab) -> None:
+    crate = f"{BASE}place/crate"
+    lab.kb.update(
+        f"""{PREFIXES} INSERT DATA {{ GRAPH <{BASE}graph/shared> {{
+        <{BASE}frame/crate> a rt:Frame ; rt:frameId "crate" .
+        <{crate}> a rt:SupportSurface ; rt:bodyFrame <{BASE}frame/crate> ;
+          rt:surfaceLength 0.4e0 ; rt:surfaceWidth 0.3e0 ; rt:rimHeight 0.2e0 }} }}"""
+    )
+    lab.stand(lab.frame(), lab.map, 0.0, 0.0, -10)
+    lab.stand(f"{BASE}frame/crate", lab.map, 1.0, 0.0, -10)
+    cup = lab.see(lab.cup, 0.5, 0.0, 0)
+    lab.put(cup, "in", crate, 10)
+    lab.see(lab.cup, 1.05, 0.02, 20)  # a look into the crate
+    lab.stand(f"{BASE}frame/crate", lab.map, 3.0, 1.0, 100)
+    [then], [now] = (lab.ask("blue cup", t, frame="map").exemplars for t in (90, 110))
+    assert then.frame_from_exemplar[:2, 3] == pytest.approx([1.05, 0.02])
+    assert now.frame_from_exemplar[:2, 3] == pytest.approx([3.05, 1.02])
+    assert lab.see(lab.cup, 3.05, 1.02, 120) == cup
+    drawn = next(n for n in lab.kb.world.scene(lab.noon + 130).nodes if n.iri == cup)
+    assert drawn.facts["relation"] == "in"
+
+
+def test_a_cup_on_a_tray_is_carried_with_it_and_nowhere_while_nobody_knows_of_the_tray(
+    lab: Lab,
+) -> None:
+    lab.stand(lab.frame(), lab.map, 0.0, 0.0, -10)
+    tray, cup = lab.see(lab.box, 0.5, 0.0, 0), lab.see(lab.cup, 0.55, 0.0, 0)
+    lab.put(cup, "on", tray, 10)
+    lab.see(lab.cup, 0.56, 0.03, 20, exemplar=cup)
+    lab.put(tray, "held_by", lab.hand(), 30)
+    [carried] = lab.ask("blue cup", 40).exemplars
+    assert (carried.place, carried.frame_from_exemplar, carried.radius90_m) == (tray, None, None)
+    lab.see(lab.box, 0.9, 0.4, 50, exemplar=tray)
+    [put] = lab.ask("blue cup", 60, frame="map").exemplars
+    assert put.frame_from_exemplar[:2, 3] == pytest.approx([0.96, 0.43])
+    assert lab.see(lab.cup, 0.96, 0.43, 70) == cup

@@ -43,4 +43,5 @@ def stated_instant(stamp: float | None) -> float:
             f"stamp: it is {ahead_s:.0f} s ahead of the clock here; set the robot's clock, or "
             "leave stamp out", field="stamp",
         )  # fmt: skip
-    return time_s
+    # What a clock a little ahead says happened now; nobody could ask about it before it had.
+    return min(time_s, time.time()) if ahead_s > 0.0 else time_s

@@ -103,22 +103,21 @@ def report_sightings(
         edit = WorldEdit(context.world, context.home_graph(author))
         hands = [hand.iri.value for hand in context.grippers.all() if hand.robot.value == agent]
         edit.lose_all([_thing(context, thing) for thing in request.gone], time_s)
-        things = []
+        look = []
         for k, seen in enumerate(request.seen):
             _check_near(context, frame, seen, k)
             product = _product(context, seen.object)
             if seen.thing is not None and not edit.is_of(_thing(context, seen.thing), product):
                 raise UsageError(f"thing: {seen.thing} is not of {seen.object}", field="thing")
             extents = extents_of(context.kb, product)
-            things.append(
-                edit.see(
-                    Seen(
-                        product, frame, seen.pose, time_s, seen.sigma, seen.confidence,
-                        min(extents, default=0.0), robot=agent, hands=hands, agent=agent,
-                        exemplar=seen.thing or "",
-                    )
+            look.append(
+                Seen(
+                    product, frame, seen.pose, time_s, seen.sigma, seen.confidence,
+                    min(extents, default=0.0), robot=agent, hands=hands, agent=agent,
+                    exemplar=seen.thing or "",
                 )
             )  # fmt: skip
+        things = edit.see_all(look)
         new = edit.made
         if not (edit.statements or edit.withdrawn):
             return ReportedSightings(things=things, new=new, commit="")

@@ -13,6 +13,7 @@ from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Flag, Iri, Stamp, Text
 from rtask.world import Relation, WorldEdit
+from rtask.world.names import label_of, present
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -149,5 +150,28 @@ def moved(
     relation: Relation = "in" if inside else "on"
     if context.kb.match(None, RT.hasEndEffector, node):
         relation = "held_by"
+    _check_nesting(context, thing, place, time_s)
     edit.put(thing, relation, place, time_s, agent, was_carried=was_carried)
     return edit.drain()
+
+
+def _check_nesting(context: Context, thing: str, place: str, time_s: float) -> None:
+    """Refuse to put a thing on or into itself, or what is in or on it.
+
+    Raises
+    ------
+    UsageError
+        The place is the thing, or is in or on it, at whatever depth.
+    """
+    world, node = context.world, present(context.world, place)
+    passed = {node}
+    while node != present(world, thing):
+        around = world.placement_at(node, time_s)
+        if around is None or not around.place or around.place in passed:
+            return
+        node = around.place
+        passed.add(node)
+    raise UsageError(
+        f"place: {label_of(world, place)} is {label_of(world, thing)} itself, or on or in it",
+        field="place",
+    )
