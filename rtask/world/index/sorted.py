@@ -37,7 +37,7 @@ __all__ = ["Moments", "PlacementIndex"]
 _MIN_TAIL, _TAIL_RATIO = 1024, 256
 """Placements that lie in the tail until it is sorted in, at least, and as a share of all."""
 _NEVER = float("inf")
-_ALWAYS = (-_NEVER, _NEVER)
+_ALWAYS = -_NEVER, _NEVER
 _WATCHED = frozenset({RT.placementOf, RT.placementPose, TIME.hasBeginning, TIME.hasEnd, *RELATIONS})
 _ALL = """
 SELECT ?placement ?subject ?begin (MIN(?ended) AS ?end) (SAMPLE(?in) AS ?frame)

@@ -12,6 +12,7 @@ from pydantic import Field
 from rtask.engine.operations.operation import operation
 from rtask.engine.operations.world.frames import frame_named
 from rtask.engine.operations.world.instants import stated_instant
+from rtask.engine.operations.world.state import check_held
 from rtask.engine.records.identity import check_agent
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import RDF, RT
@@ -88,7 +89,7 @@ def report_sightings(
     Raises
     ------
     ForbiddenError
-        A robot reports in the name of another.
+        A robot reports in the name of another, or that what another one holds is gone.
     UnknownTermError
         The graph has no such product or thing.
     UsageError
@@ -102,7 +103,10 @@ def report_sightings(
         frame, declared = frame_named(context, request.frame, author)
         edit = WorldEdit(context.world, context.home_graph(author))
         hands = [hand.iri.value for hand in context.grippers.all() if hand.robot.value == agent]
-        edit.lose_all([_thing(context, thing) for thing in request.gone], time_s)
+        gone = [_thing(context, thing) for thing in request.gone]
+        for k, thing in enumerate(gone):
+            check_held(context, thing, access, f"gone[{k}]")
+        edit.lose_all(gone, time_s)
         look = []
         for k, seen in enumerate(request.seen):
             _check_near(context, frame, seen, k)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rtask.kb.commit.access import Access
     from rtask.world.statements import Statement
 
-__all__ = ["StatePlace", "check_hand", "moved", "state_place"]
+__all__ = ["StatePlace", "check_hand", "check_held", "moved", "state_place"]
 
 
 class StatePlace(Message):
@@ -71,6 +71,8 @@ def state_place(context: Context, request: StatePlace, access: Access) -> Stated
         raise UnknownTermError(f"thing: the graph has no thing {request.thing}", field="thing")
     author = context.author(access, request.agent)
     check_hand(context, request.place, access)
+    if request.lost:
+        check_held(context, request.thing, access, "thing")
     with context.writing:
         time_s = stated_instant(request.stamp)
         added, withdrawn = moved(
@@ -109,6 +111,28 @@ def check_hand(
             f"place: the token belongs to {access.agent!r}, and {place} is a hand of another "
             "robot, which says itself what it holds",
             field="place",
+        )
+
+
+def check_held(context: Context, thing: str, access: Access, field: str) -> None:
+    """Refuse a robot to say that a thing is gone which another one has in its hand.
+
+    To take it over, it says that it holds it itself; where it lies, a look says.
+
+    Raises
+    ------
+    ForbiddenError
+        Another robot holds it, as far as is known.
+    """
+    last = context.world.last_placement(present(context.world, thing))
+    if access.role != "robot" or last is None or not last.is_current:
+        return
+    owners = {quad.subject for quad in context.kb.match(None, RT.hasEndEffector, iri(last.place))}
+    if last.relation == "held_by" and owners and context.agent_iri(access) not in owners:
+        raise ForbiddenError(
+            f"{field}: the token belongs to {access.agent!r}, and {thing} is in "
+            f"{label_of(context.world, last.place)}, which says itself that it lost it",
+            field=field,
         )
 
 

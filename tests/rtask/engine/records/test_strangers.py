@@ -394,3 +394,17 @@ def test_a_robot_cannot_say_what_the_hand_of_another_holds(engine, robots):
     ):
         with pytest.raises(ForbiddenError, match=f"{taken} is a hand of another robot"):
             stranger.call(operation, place=taken, **args)
+
+
+def test_a_robot_cannot_say_that_what_another_holds_is_gone_but_may_take_it(engine, robots):
+    owner, stranger = robots("nao-1"), robots("nao-2")
+    engine.kb.update(f"INSERT DATA {{ <urn:cup> a {RT.Exemplar} }}")
+    owner.call("state_place", thing="urn:cup", place=hand(engine, "nao-1"))
+    for operation, args in (
+        ("state_place", {"thing": "urn:cup", "lost": True}),
+        ("report_sightings", {"frame": "base_footprint", "gone": ["urn:cup"]}),
+    ):
+        with pytest.raises(ForbiddenError, match="is in right_hand of nao-1"):
+            stranger.call(operation, **args)
+    stranger.call("state_place", thing="urn:cup", place=hand(engine, "nao-2"))
+    stranger.call("state_place", thing="urn:cup", lost=True)
