@@ -127,8 +127,10 @@ def check_held(context: Context, thing: str, access: Access, field: str) -> None
     last = context.world.last_placement(present(context.world, thing))
     if access.role != "robot" or last is None or not last.is_current:
         return
+    if last.relation != "held_by":
+        return
     owners = {quad.subject for quad in context.kb.match(None, RT.hasEndEffector, iri(last.place))}
-    if last.relation == "held_by" and owners and context.agent_iri(access) not in owners:
+    if owners and context.agent_iri(access) not in owners:
         raise ForbiddenError(
             f"{field}: the token belongs to {access.agent!r}, and {thing} is in "
             f"{label_of(context.world, last.place)}, which says itself that it lost it",
