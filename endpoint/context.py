@@ -110,6 +110,7 @@ class ServerContext:
         if isinstance(kb, KnowledgeBase):
             kb.proposes_axioms = config.propose_axioms
             kb.writer.committer.has_schema = tokens.has_schema
+            kb.writer.committer.max_change = config.max_change
             gauges["rtask_writers_waiting"] = lambda: kb.write_queue()[0]
             gauges["rtask_writer_wait_seconds"] = lambda: kb.write_queue()[1]
         if following is not None:

@@ -78,6 +78,9 @@ class Config:
         Where the answer to a query is cut off.
     max_queries
         Queries of all callers that run at once; as many again may wait.
+    max_change
+        Statements that one change of a robot or teacher may add or remove. Nobody else writes
+        while it is stored, some 15 us of processor time for each.
     rate, write_rate
         Requests and changes per second allowed to one token or, without a token, one address;
         bursts may be twice as large. Zero means no limit. Local callers are not limited while no
@@ -119,6 +122,7 @@ class Config:
     max_rows: int = 5_000_000
     max_result_bytes: int = 2048 * MEGABYTE
     max_queries: int = 32
+    max_change: int = 5_000
     rate: float = 200.0
     write_rate: float = 100.0
     max_in_flight: int = 32

@@ -73,8 +73,10 @@ class Staged:
         rules: Rules,
         counts: tuple[int, int],
         exported: FactChange | None = None,
+        origin: Handover | None = None,
     ) -> None:
         self._closure = closure
+        self._origin = origin
         self._draft: Draft | None = draft
         self._rules = rules
         self._version = closure._version
@@ -139,7 +141,7 @@ class Staged:
         draft = self._pending()
         if self._version != self._closure._version:
             raise RuntimeError("another change was applied since this one was staged")
-        self._closure._take(draft, self._exported, self._rules)
+        self._closure._take(draft, self._exported, self._rules, self._origin)
         self._draft = None
 
     def difference(self) -> Difference:
@@ -335,7 +337,7 @@ class Closure(ClosureView):
         draft, exported = adopted
         if derived is not None and draft.net > len(changed.added) + derived:
             return None
-        return Staged(self, draft, now, counts, exported)
+        return Staged(self, draft, now, counts, exported, handover)
 
     @classmethod
     def from_image(
@@ -455,11 +457,15 @@ class Closure(ClosureView):
         change = exported if isinstance(exported, FactChange) else FactChange.of(*exported)
         return Difference.of(draft, self._state, change)
 
-    def _take(self, draft: Draft, exported: Exported, rules: Rules) -> None:
+    def _take(
+        self, draft: Draft, exported: Exported, rules: Rules, origin: Handover | None
+    ) -> None:
         """Make a draft the state, and record it where that is asked for."""
-        if self._handovers:
+        # The copy that derived it is done with.
+        handovers = [handover for handover in self._handovers if handover is not origin]
+        if handovers:
             step = self._difference_made(draft, exported)
-            for handover in self._handovers:
+            for handover in handovers:
                 handover.record(draft, step, None if rules == self._rules else rules)
         for other in tuple(self._sharing):
             other.before(draft, rules != self._rules)

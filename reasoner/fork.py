@@ -16,6 +16,7 @@ from reasoner.facts.changes import FactChange
 from reasoner.facts.layer import Layer
 from reasoner.facts.relations import Facts, Ids
 from reasoner.fixpoint.maintenance import Draft, State
+from reasoner.handover import Handover
 from reasoner.terms.dictionary import Fact
 
 __all__ = ["Fork", "SharedFacts"]
@@ -120,6 +121,11 @@ class SharedFacts(Facts):
         """Add a fact; False if it was there."""
         return self._layer.add(s, p, o)
 
+    def update(self, p: int, pairs: Iterable[tuple[int, int]]) -> None:
+        """Add facts of one property."""
+        for s, o in pairs:
+            self.add(s, p, o)
+
     def discard(self, s: int, p: int, o: int) -> bool:
         """Remove a fact; False if it was not there."""
         return self._layer.discard(s, p, o)
@@ -190,9 +196,11 @@ class Fork(Closure):
         self._facts.before(draft.layer.added, draft.layer.removed)
         self._asserted.before(draft.asserted.added, draft.asserted.removed)
 
-    def _take(self, draft: Draft, exported: Exported, rules: Rules) -> None:
+    def _take(
+        self, draft: Draft, exported: Exported, rules: Rules, origin: Handover | None
+    ) -> None:
         """Make a draft the state, and go on sharing what the trunk has as well."""
-        super()._take(draft, exported, rules)
+        super()._take(draft, exported, rules, origin)
         # A rebuild makes a set of its own, which would end the sharing.
         if self._state.facts is not self._facts:
             self._facts.hold(self._state.facts)

@@ -192,6 +192,8 @@ class GraphStore:
         existed = graph is None or self._exists(graph)
         version = self._check_preconditions(request, graph, existed)
         quads = self._read(request, graph, parts)
+        own = self._kb.access(access=caller.access)
+        self._kb.check_change(len(quads), access=own, empties=existed)
         note = f"graph store PUT, {caller.note(request)}"
 
         def replace_contents(tx: Transaction) -> None:
@@ -219,6 +221,7 @@ class GraphStore:
         existed = graph is None or self._exists(graph)
         version = self._check_preconditions(request, graph, existed)
         quads = self._read(request, graph, parts)
+        self._kb.check_change(len(quads), access=self._kb.access(access=caller.access))
         note = f"graph store POST, {caller.note(request)}"
 
         def merge(tx: Transaction) -> None:

@@ -115,8 +115,8 @@ class Layer:
             self.base, self.added = self.added, Facts()
         for fact in self.removed:
             self.base.discard(*fact)
-        for fact in self.added:
-            self.base.add(*fact)
+        for p in self.added.predicates():
+            self.base.update(p, self.added.pairs(p))
         self.added, self.removed = Facts(), Facts()
 
 
@@ -171,8 +171,11 @@ class Asserted:
             return
         for fact in self.removed:
             self.facts.discard(*fact)
-        for fact in self.added:
-            self.facts.add(*fact)
+        by_property: dict[int, list[tuple[int, int]]] = {}
+        for s, p, o in self.added:
+            by_property.setdefault(p, []).append((s, o))
+        for p, pairs in by_property.items():
+            self.facts.update(p, pairs)
 
 
 def changed_columns(

@@ -22,6 +22,8 @@ from rtask.sparql.untouched import why_untouched
 
 __all__ = ["Writing"]
 
+_EMPTYING = frozenset(("CLEAR", "DROP"))
+
 
 class Writing(Searching):
     """Atomic commits, one at a time.
@@ -103,6 +105,10 @@ class Writing(Searching):
             done = commit_update(order, request, self.readers, self._writer, lambda: self.seq)
             return self._with_remark(done, text, request.access, base)
         prepared = prepare(text, dataset, request.access.home())
+        kinds = {operation.kind for operation in prepared.update.operations}
+        self.check_change(
+            prepared.added, prepared.removed, access=request.access, empties=bool(kinds & _EMPTYING)
+        )
         done = self._writer.commit(
             lambda change: run_update(change, prepared, request.access, limits), request
         )
@@ -133,6 +139,27 @@ class Writing(Searching):
         """Return a context manager whose changes become one commit; see :meth:`update`."""
         request = Request(self.access(agent, access), note, if_version=if_version)
         return Transaction(self._writer, self.blobs, request)
+
+    def check_change(
+        self, added: int, removed: int = 0, *, access: Access, empties: bool = False
+    ) -> None:
+        """Refuse a change that is too large for its author before the writers' lock is taken.
+
+        Parameters
+        ----------
+        added, removed
+            Statements.
+        empties
+            Whether the author's own graph is emptied besides.
+
+        Raises
+        ------
+        TooLargeError
+            Naming the bound, and how to split the change.
+        """
+        if empties and not self.plain:  # the only graph of those who have a bound
+            removed += self.catalogue.triple_count(access.home())
+        self._writer.committer.check_size(added, removed, access)
 
     def commit_work(
         self,

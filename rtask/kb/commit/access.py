@@ -20,7 +20,7 @@ from rtask.errors import ForbiddenError, UsageError
 from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, NamedNode
 
-__all__ = ["RIGHTS", "Access", "Role", "actor_of", "unnamed_person"]
+__all__ = ["RIGHTS", "Access", "Role", "actor_of", "names_doer", "unnamed_person"]
 
 Role: TypeAlias = OneOf["reader", "robot", "teacher", "admin", "anonymous"]
 RIGHTS = frozenset(("rules", "replicate", "deploy", "schema"))
@@ -50,6 +50,11 @@ def actor_of(quad: Quad, graphs: Graphs) -> tuple[bool, str] | None:
             name = unquote(named.value.removeprefix(start).partition("/")[0])
             return folder == "person", name
     return None
+
+
+def names_doer(predicate: NamedNode) -> bool:
+    """Whether the value of a property is who did something, or with which hand."""
+    return predicate.value in _DONE_BY
 
 
 def unnamed_person(agent: str) -> str:

@@ -20,9 +20,15 @@ from rtask.errors import (
     TooMuchFollowsError,
     VersionConflictError,
 )
+from rtask.kb.commit.access import Access
 from rtask.kb.commit.budget import UNBOUNDED, Guard, ReasoningLimits, stopping
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
-from rtask.kb.commit.checks.requirements import check_blobs, check_lengths, check_rights
+from rtask.kb.commit.checks.requirements import (
+    check_blobs,
+    check_lengths,
+    check_rights,
+    check_size,
+)
 from rtask.kb.commit.commit import Change, Commit, Request
 from rtask.kb.commit.foreign import identity
 from rtask.kb.commit.foreign.precedence import NamePrecedence
@@ -38,7 +44,7 @@ from rtask.kb.rules.rule import Rule
 from rtask.kb.rules.rulebook import changed
 from rtask.kb.store.apply import apply
 from rtask.kb.store.collector import collector_paused
-from rtask.kb.store.commit_writes import MAX_LATE, all_writes, with_union
+from rtask.kb.store.commit_writes import MAX_LATE, MAX_NOTED_LATE, all_writes, with_union
 from rtask.kb.store.embedded import LARGE
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
@@ -77,6 +83,9 @@ class Committer:
         Where the notes of small commits wait; ``None`` without notes.
     has_schema
         Whether a contributor of a name has the right ``schema``, as far as is known.
+    max_change
+        Statements that one change of a robot or teacher may add or remove; ``None`` without a
+        bound, as where the program that opened the store writes.
     stop
         Set to end the derivation under way, and each later one; large changes of a server's
         callers are refused then.
@@ -96,6 +105,7 @@ class Committer:
     quarantines: bool = False
     late: LateNotes | None = None
     has_schema: Callable[[str], bool] = lambda _: False
+    max_change: int | None = None
     stop: threading.Event = field(default_factory=threading.Event)
 
     def commit(self, change: Overlay, request: Request) -> Change:
@@ -224,6 +234,7 @@ class Committer:
         is_empty = change.is_empty()  # a store elsewhere may learn here of other commits
         self._check_version(request)
         if not request.trusted:
+            self.check_size(len(change.added), len(change.removed), request.access)
             check_rights(change, request, self.graphs, self.catalogue.triple_count, self.plain)
         if names is not None:
             names.give_way_to_ids(change)
@@ -231,6 +242,16 @@ class Committer:
         if not request.trusted:
             check_lengths(change)
         return is_empty
+
+    def check_size(self, added: int, removed: int, access: Access) -> None:
+        """Refuse a change that is too large for its author, which needs no lock.
+
+        Raises
+        ------
+        TooLargeError
+            Naming the bound, and how to split the change.
+        """
+        check_size(added, removed, access, None if self.plain else self.max_change)
 
     def _check_version(self, request: Request) -> None:
         if request.if_version is not None and request.if_version != self.last_seq:
@@ -339,7 +360,8 @@ class Committer:
         late = self.late
         if late is None:
             return self._store_now(change, derived, staged, request)
-        small = len(change.added) + len(change.removed) + len(derived.added) <= MAX_LATE
+        size = len(change.added) + len(change.removed) + len(derived.added)
+        small = size <= MAX_NOTED_LATE
         common = not (change.dropped or request.sources or request.recount)
         with late.storing(small and common) as is_late, late.quiet():
             return self._store_now(change, derived, staged, request, late if is_late else None)

@@ -77,6 +77,18 @@ class PreparedUpdate:
     templates: dict[Block, list[Quad]] = field(default_factory=dict)
     data: dict[Block, list[Quad]] = field(default_factory=dict)
 
+    @property
+    def added(self) -> int:
+        """Number of statements in the INSERT DATA blocks that have been read."""
+        operations = self.update.operations
+        return sum(len(self.data[o.insert]) for o in operations if o.insert in self.data)
+
+    @property
+    def removed(self) -> int:
+        """Number of statements in the DELETE DATA blocks that have been read."""
+        operations = self.update.operations
+        return sum(len(self.data[o.delete]) for o in operations if o.delete in self.data)
+
     def template(self, operation: Operation, block: Block) -> list[Quad]:
         """Return the quads of a block, which are read once."""
         quads = self.templates.get(block)

@@ -149,13 +149,27 @@ class SchemaRight:
         self._namespaces = namespaces(access, graphs) if access.agent else ()
         self._own: dict[NamedNode | BlankNode, bool] = {}
         self._serves: dict[Term, bool] = {}
+        self._last: Term | None = None
+        self._is_of_schema = False
+        self._may_matter: dict[NamedNode, bool] = {}
 
     def is_foreign(self, quad: Quad) -> bool:
         """Whether a statement needs the right: an axiom, or about a declared term."""
-        subject = quad.subject
-        if subject in self._declared or _is_vocabulary(subject):
+        subject, predicate = quad.subject, quad.predicate
+        # Statements about one subject lie together, and most properties come again and again.
+        if subject != self._last:
+            self._last = subject
+            self._is_of_schema = subject in self._declared or _is_vocabulary(subject)
+        if self._is_of_schema:
             return True
-        if quad.predicate == _OBJECT_ID:
+        may_matter = self._may_matter.get(predicate)
+        if may_matter is None:
+            name = predicate.value
+            may_matter = name in _AXIOMS or name in _LINKS or predicate in (RDF_TYPE, _OBJECT_ID)
+            self._may_matter[predicate] = may_matter
+        if not may_matter:
+            return False
+        if predicate == _OBJECT_ID:
             return self._is_id_of_another(quad)
         return is_axiom(quad) and not self._is_harmless(quad)
 
@@ -264,9 +278,12 @@ def foreign_axioms(
         Terms that ontologies declare.
     """
     right = SchemaRight(access, graphs, change.store, declared, change.removed)
-    is_input = graphs.is_input
+    inputs: dict[GraphName, bool] = {}
     for quad in change.added:
-        if is_input(quad.graph_name) and right.is_foreign(quad):
+        graph = quad.graph_name
+        if graph not in inputs:
+            inputs[graph] = graphs.is_input(graph)
+        if inputs[graph] and right.is_foreign(quad):
             yield quad
 
 

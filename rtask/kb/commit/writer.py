@@ -20,6 +20,7 @@ from rtask.errors import ClosedError, ForbiddenError, RtaskError, UsageError
 from rtask.kb.commit.budget import return_memory
 from rtask.kb.commit.commit import Change, Commit, Request
 from rtask.kb.commit.committer import Committer
+from rtask.kb.commit.recent import RecentChanges
 from rtask.kb.commit.foreign.supports import Support, support_of
 from rtask.kb.commit.trials.derivation import (
     ContradictedTrialError,
@@ -54,6 +55,8 @@ class Writer:
     propose
         Keeps a change that was refused for lack of the right ``schema`` and returns its number, or
         ``None`` if such changes are not kept.
+    recent
+        Which graphs the last commits changed.
     follows
         Address of the process whose commits are taken in; nobody else may write then.
     refusal
@@ -72,6 +75,7 @@ class Writer:
         self._lock = threading.RLock()
         self._inside = False
         self._closed = False
+        self.recent = RecentChanges()
         self._aside: threading.Thread | None = None
         self.follows: str | None = None
         self.refusal: RtaskError | None = None
@@ -152,6 +156,7 @@ class Writer:
         try:
             change = self._commit(overlay, request)
             if change.commit.seq > before:
+                self.recent.note(change)
                 self._unannounced.append(change)
         finally:
             self.cancel()

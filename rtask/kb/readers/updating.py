@@ -1,8 +1,10 @@
 """Updates from untrusted callers: evaluated in a reader, committed by the writer.
 
 A reader has the state of the store after one commit. Its answer is committed if that commit is
-still the last one; otherwise the update is evaluated again (optimistic concurrency control, Kung
-and Robinson 1981). A quick update that conflicts repeatedly is evaluated under the writers' lock.
+still the last one, or if later ones changed none of the graphs that the update reads, where its
+text says which; otherwise the update is evaluated again (optimistic concurrency control, Kung
+and Robinson 1981). Without the second, a robot that tidies up its own graph would have to be
+quicker than the pause between any two commits of others. A quick update that conflicts repeatedly is evaluated under the writers' lock.
 """
 
 from __future__ import annotations
@@ -19,9 +21,11 @@ from rtask.kb.commit.delta import UpdateDataset
 from rtask.kb.commit.trials.derivation import Trial
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.commit.writer import Writer
-from rtask.kb.readers.messages import decode_change
+from rtask.kb.readers.messages import ReceivedChange, decode_change
 from rtask.kb.readers.pool import Readers
 from rtask.kb.store.overlay import Overlay
+from rtask.rdf.terms import GraphName
+from rtask.sparql.templates import resolve
 from rtask.sparql.update_outline import read_update
 
 __all__ = ["UpdateOrder", "commit_update", "needs_reader"]
@@ -123,12 +127,13 @@ def _commit(
 ) -> Commit:
     deadline = time.monotonic() + order.limits.seconds
     payload = order.encode()
-    took, losses = order.limits.seconds, 0
+    took, losses, reads = order.limits.seconds, 0, _graphs_read(order)
     while True:
         if losses >= _LOSSES and took <= _QUICK_S:
             overlay = writer.begin()
             try:
                 change, _ = _change(order, payload, readers, deadline)
+                _require_size(change, request, writer)
                 _fill(overlay, change)
             except BaseException:
                 writer.cancel()
@@ -146,10 +151,13 @@ def _commit(
                 ) from None
             raise
         took = time.monotonic() - started
+        _require_size(change, request, writer)
         if trial is not None:
             trial.catch_up()
         overlay = writer.begin()
-        if last_seq() == seq and is_current():
+        now = last_seq()
+        is_valid = now == seq or (reads and writer.recent.left_alone(reads, seq, now))
+        if is_valid and is_current():
             try:
                 _fill(overlay, change)
             except BaseException:
@@ -160,19 +168,51 @@ def _commit(
         losses += 1
 
 
+def _graphs_read(order: UpdateOrder) -> frozenset[GraphName]:
+    """Return the graphs that an update reads; none if its text does not name them all."""
+    update, dataset, graphs = read_update(order.text), order.dataset, order.access.graphs
+    read: set[GraphName] = set()
+    for operation in update.operations:
+        if operation.kind in ("INSERT DATA", "DELETE DATA"):
+            continue
+        if operation.kind != "MODIFY" or operation.where is None or graphs is None:
+            return frozenset()
+        tokens = update.tokens[operation.where.start : operation.where.end]
+        if any(token.is_word("GRAPH") for token in tokens):
+            return frozenset()
+        names = operation.using or ((operation.with_graph,) if operation.with_graph else ())
+        base = dataset.base
+        here = [resolve(name, operation.prologue, base) for name in names] or [*dataset.using]
+        # Records of commits change with each of them.
+        if not here or any(map(graphs.is_system, here)):
+            return frozenset()
+        read.update(here)
+    return frozenset(read)
+
+
 def _change(
     order: UpdateOrder, payload: bytes, readers: Readers, deadline: float
-) -> tuple[bytes, Callable[[], bool]]:
+) -> tuple[ReceivedChange, Callable[[], bool]]:
     left = deadline - time.monotonic()
     try:
-        return readers.evaluate_update(order.text, payload, left, order.limits.seconds)
+        data, is_current = readers.evaluate_update(
+            order.text, payload, left, order.limits.seconds
+        )
+        received = decode_change(data)
+        # Parsed now, since the lock is mostly taken later.
+        parsed = received._replace(removed=[*received.removed], added=[*received.added])
+        return parsed, is_current
     except QueryTimeout as error:
         raise QueryTimeout(f"{error}; nothing was stored", **error.details) from None
 
 
-def _fill(overlay: Overlay, change: bytes) -> None:
+def _require_size(change: ReceivedChange, request: Request, writer: Writer) -> None:
+    added, removed = ([*quads] for quads in (change.added, change.removed))
+    writer.committer.check_size(len(added), len(removed), request.access)
+
+
+def _fill(overlay: Overlay, received: ReceivedChange) -> None:
     """Copy a change computed by a reader into an overlay of the same state."""
-    received = decode_change(change)
     for graph in received.dropped:
         overlay.dropped[graph] = None
     for quad in received.removed:

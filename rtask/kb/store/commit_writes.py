@@ -16,10 +16,15 @@ from rtask.kb.store.union import Copies, is_empty, union_change
 from rtask.kb.store.writes import Writes
 from rtask.rdf.terms import DEFAULT, GraphName
 
-__all__ = ["MAX_LATE", "all_writes", "with_union"]
+__all__ = ["MAX_LATE", "MAX_NOTED_LATE", "all_writes", "with_union"]
 
 MAX_LATE = 1_000
-"""Changes with more statements store their notes at once: it costs them little."""
+"""Changes with more statements have those of before them stored first, and are looked up at once."""
+MAX_NOTED_LATE = 12_000
+"""Changes with more statements, those derived included, store their notes at once.
+
+Without its notes a change that only adds needs no text of all its statements for the store to parse.
+"""
 
 
 def all_writes(change: Overlay, derived: Derived, notes: Overlay) -> Writes:

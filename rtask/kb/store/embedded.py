@@ -227,6 +227,8 @@ class EmbeddedStore(GraphStore):
         for key in keys:
             by_subject.setdefault(key[0], []).append(key)
         holders: dict[TripleKey, list[GraphName]] = {}
+        if not by_subject:  # to begin a read has notes that wait stored
+            return holders
         try:
             with self.complete():
                 find = self.raw.quads_for_pattern

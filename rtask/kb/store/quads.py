@@ -28,6 +28,7 @@ __all__ = [
     "ground_text",
     "parts_of",
     "quads_written",
+    "with_properties",
 ]
 
 _BLOCK = 5_000
@@ -185,6 +186,23 @@ def ground_text(quads: Iterable[Quad]) -> tuple[bytes, list[Quad]]:
 
 def _is_ground(quad: Quad) -> bool:
     return is_ground(quad.subject) and is_ground(quad.object) and is_ground(quad.graph_name)
+
+
+def with_properties(
+    quads: Iterable[Quad], matters: Callable[[NamedNode], bool]
+) -> Iterator[Quad]:
+    """Yield the quads whose property passes a test, which is made once for each property.
+
+    A change of ten thousand statements has few properties, and its checks hold others up.
+    """
+    passed: dict[NamedNode, bool] = {}
+    for quad in quads:
+        predicate = quad.predicate
+        passes = passed.get(predicate)
+        if passes is None:
+            passes = passed[predicate] = matters(predicate)
+        if passes:
+            yield quad
 
 
 class QuadChain(Collection[Quad]):

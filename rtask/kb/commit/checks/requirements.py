@@ -6,15 +6,66 @@ from collections import Counter
 from collections.abc import Callable
 
 from rtask.errors import MissingBlobError, TooLargeError
+from rtask.kb.commit.access import Access, names_doer
 from rtask.kb.commit.checks.testimony import require_own_testimony
 from rtask.kb.commit.commit import MAX_EMPTIED, Request
 from rtask.kb.durability.blobs import PREFIX, BlobStore, digest_of
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
-from rtask.rdf.bounds import MAX_LITERAL, characters, refuse_long_literal, refuse_long_names
+from rtask.kb.store.quads import with_properties
+from rtask.rdf.bounds import (
+    MAX_IRI,
+    MAX_LITERAL,
+    characters,
+    refuse_long_literal,
+    refuse_long_names,
+)
 from rtask.rdf.terms import GraphName, NamedNode
 
-__all__ = ["check_blobs", "check_lengths", "check_rights"]
+__all__ = ["check_blobs", "check_lengths", "check_rights", "check_size", "is_bounded"]
+
+
+def is_bounded(access: Access) -> bool:
+    """Whether the bound on one change holds for a caller: a robot or teacher, by its own token."""
+    return access.role in ("robot", "teacher") and not access.of_owner
+
+
+def check_size(added: int, removed: int, access: Access, most: int | None) -> None:
+    """Refuse a change that would keep other robots waiting for too long.
+
+    A commit is stored in one step, during which nobody else writes.
+
+    Parameters
+    ----------
+    added, removed
+        Statements of the change.
+    most
+        Statements of one change; ``None`` without a bound.
+
+    Raises
+    ------
+    TooLargeError
+        Naming the bound, and how to split the change.
+    """
+    if most is None or not is_bounded(access) or max(added, removed) <= most:
+        return
+    how = (
+        f"send it in parts of at most {most} statements; those about one blank node belong "
+        "together, or give it an IRI"
+    )
+    if removed > most:
+        how = (
+            f"remove them in parts, with WITH {access.home()} DELETE {{ ?s ?p ?o }} WHERE "
+            f"{{ {{ SELECT ?s ?p ?o {{ ?s ?p ?o }} LIMIT {most} }} }} until nothing is left"
+        )
+    raise TooLargeError(
+        f"one change of a {access.role} adds or removes at most {most} statements, so that others "
+        f"need not wait long for it, and this one has {max(added, removed)}; nothing was stored; "
+        f"{how}. An admin may store more at once",
+        limit="change",
+        value=max(added, removed),
+        allowed=most,
+    )
 
 
 def check_rights(
@@ -36,7 +87,7 @@ def check_rights(
             continue
         request.access.require_write(graph, "write")
     if request.access.role in ("robot", "teacher") and not plain:
-        for quad in change.added:
+        for quad in with_properties(change.added, names_doer):
             request.access.require_own_identity(quad, graphs)
         require_own_testimony(change.added, request.access, graphs, change.holders)
     removed, emptied = len(change.removed), 0
@@ -66,6 +117,8 @@ def check_rights(
 def check_lengths(change: Overlay) -> None:
     """Refuse literals and names that are too long, literals unless the store has them already."""
     for quad in change.added:
+        if len(str(quad)) <= MAX_IRI:  # neither its names nor its literal can be too long
+            continue
         refuse_long_names(quad)
         if characters(quad.object) <= MAX_LITERAL:
             continue

@@ -17,6 +17,7 @@ from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Holders
+from rtask.kb.store.quads import with_properties
 from rtask.rdf.namespaces import PROV, RDF, RDFS, RT
 from rtask.rdf.terms import GraphName, Literal, NamedNode, TripleKey
 
@@ -55,7 +56,7 @@ def require_own_testimony(
     if access.role != "robot" or access.of_owner:
         return
     asked: dict[TripleKey, Quad] = {}
-    for quad in quads:
+    for quad in with_properties(quads, _matters):
         owner = _robot_described(quad, graphs)
         if owner is not None and owner != quote(access.agent or "", safe=""):
             raise _refused(quad, access, owner)
@@ -69,6 +70,11 @@ def require_own_testimony(
         owner = _other_owner(holders.of(key), access, graphs)
         if owner is not None:
             raise _refused(quad, access, owner)
+
+
+def _matters(predicate: NamedNode) -> bool:
+    is_told = predicate.value.startswith((ontology.NS, RDFS.label.value))
+    return is_told or predicate in _ABOUT_VALUE or predicate in _CLASSES
 
 
 def _robot_described(quad: Quad, graphs: Graphs) -> str | None:
