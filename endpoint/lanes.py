@@ -32,6 +32,7 @@ from functools import partial
 from time import perf_counter
 
 from endpoint.access.auth import Caller
+from endpoint.fair_pool import FairPool
 from endpoint.http.messages import Request, Response
 from endpoint.http.plan import Elsewhere, Plan
 from endpoint.point_lines import Instead
@@ -43,6 +44,8 @@ from rtask.kb.readers.streams import ReaderStream
 __all__ = ["Job", "Lanes"]
 
 THREADS = 32
+SHARE = 8
+"""Threads that the requests of one token have at most; the rest of them wait for each other."""
 POINT_THREADS = 8
 
 
@@ -92,8 +95,8 @@ class Lanes:
         refuse: Callable[[RtaskError, Job], Response],
     ) -> None:
         self._run, self._refuse = run, refuse
-        self.work = ThreadPoolExecutor(THREADS, thread_name_prefix="work")
-        self._long = ThreadPoolExecutor(max_queries, thread_name_prefix="query")
+        self._work = FairPool(THREADS, SHARE, "work")
+        self._long = FairPool(max_queries, max(1, max_queries // 4), "query")
         self._quick = ThreadPoolExecutor(POINT_THREADS, thread_name_prefix="point")
 
     def payload(self, job: Job) -> bytes | None:
@@ -145,7 +148,8 @@ class Lanes:
             return self._submit_elsewhere(job, plan.elsewhere)
         if plan.lane == "point":
             return self._submit_quick(job)
-        return (self._long if plan.lane == "query" else self.work).submit(self._run, job)
+        lane = self._long if plan.lane == "query" else self._work
+        return lane.submit(_key(job), partial(self._run, job))
 
     def _submit_elsewhere(self, job: Job, elsewhere: Elsewhere) -> Future[Response]:
         """Start work that threads of its own do; the one that ends it makes the answer."""
@@ -170,7 +174,7 @@ class Lanes:
             except SlowerThanItLooksError:
                 self._demote(job)
                 # The same future goes on, so that nobody who waits for it has to know.
-                self._long.submit(second)
+                self._long.submit(_key(job), second)
             except BaseException as error:  # noqa: BLE001 - the future carries it
                 answer.set_exception(error)
 
@@ -183,6 +187,11 @@ class Lanes:
         self._quick.submit(first)
         return answer
 
+    @property
+    def work(self) -> ThreadPoolExecutor:
+        """The threads for work of nobody in particular."""
+        return self._work.threads
+
     @staticmethod
     def _demote(job: Job) -> None:
         """Move a query that took longer than it looked among the long ones."""
@@ -191,5 +200,12 @@ class Lanes:
 
     def close(self, *, wait: bool) -> None:
         """Accept no more work; wait for the work in progress if asked to."""
-        for pool in (self._long, self._quick, self.work):
-            pool.shutdown(wait=wait, cancel_futures=True)
+        for pool in (self._long, self._work):
+            pool.shutdown(wait=wait)
+        self._quick.shutdown(wait=wait, cancel_futures=True)
+
+
+def _key(job: Job) -> str | None:
+    """Return who has a share of the threads; nobody without a token, whom nothing tells apart."""
+    caller = job.caller
+    return None if caller is None or caller.token is None else caller.token.id

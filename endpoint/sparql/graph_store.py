@@ -206,7 +206,7 @@ class GraphStore:
             tx.add_quads(quads, graph if isinstance(graph, NamedNode) else None)
 
         done = self._kb.commit_work(
-            replace_contents, note, access=caller.access, if_version=version
+            replace_contents, note, access=caller.access, if_version=version, size=len(quads)
         )
         return Response(204 if existed else 201, headers=remark_header(done.remark))
 
@@ -229,7 +229,9 @@ class GraphStore:
                 tx.update(f"CREATE SILENT GRAPH <{graph.value}>")
             tx.add_quads(quads, graph if isinstance(graph, NamedNode) else None)
 
-        done = self._kb.commit_work(merge, note, access=caller.access, if_version=version)
+        done = self._kb.commit_work(
+            merge, note, access=caller.access, if_version=version, size=len(quads)
+        )
         return Response(204 if existed else 201, headers=(*headers, *remark_header(done.remark)))
 
     @staticmethod

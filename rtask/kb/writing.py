@@ -109,6 +109,7 @@ class Writing(Searching):
         self.check_change(
             prepared.added, prepared.removed, access=request.access, empties=bool(kinds & _EMPTYING)
         )
+        request = replace(request, size=prepared.added + prepared.removed)
         done = self._writer.commit(
             lambda change: run_update(change, prepared, request.access, limits), request
         )
@@ -168,13 +169,19 @@ class Writing(Searching):
         *,
         access: Access | None = None,
         if_version: int | None = None,
+        size: int = 0,
     ) -> Commit:
         """Make a commit of what a function does in a transaction; see :meth:`update`.
 
         Unlike the block of :meth:`transaction`, the function can be called again, so that others
         write while it is found out whether too much follows from the change.
+
+        Parameters
+        ----------
+        size
+            How many statements the change is known to have.
         """
-        request = Request(self.access(None, access), note, if_version=if_version)
+        request = Request(self.access(None, access), note, if_version=if_version, size=size)
 
         def make(change: Overlay) -> None:
             work(Transaction.of(change, self._writer, self.blobs, request))

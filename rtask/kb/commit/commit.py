@@ -117,6 +117,9 @@ class Request:
         The derivation that was tried aside.
     supports
         What others' statements about the author's names were found to stand in the way of.
+    size
+        How many statements the change is known to have before it is made; large ones let waiting
+        small ones go first.
     moves_records
         Whether the change may touch the quarantine, which only the knowledge base writes.
     """
@@ -136,6 +139,7 @@ class Request:
     is_repeatable: bool = False
     trial: Derivation | None = None
     supports: tuple[Support, ...] = ()
+    size: int = 0
     moves_records: bool = False
     started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
 

@@ -29,12 +29,15 @@ from rtask.kb.commit.trials.derivation import (
     TrialDerivations,
 )
 from rtask.kb.durability.recovery import Checkpoints
+from rtask.kb.store.commit_writes import MAX_LATE
 from rtask.kb.store.overlay import Overlay
 
 __all__ = ["Writer"]
 
 _log = logging.getLogger(__name__)
 _Made = TypeVar("_Made")
+_GIVES_WAY_S, _LOOK_S = 1.0, 0.002
+"""How long a large change waits at most for small ones, and how often it looks for them (s)."""
 Listener = Callable[[Change], None]
 
 
@@ -73,6 +76,9 @@ class Writer:
         self._changes = changes
         self._checkpoints = checkpoints
         self._lock = threading.RLock()
+        self._large = threading.Lock()
+        self._waiting_large: dict[int, float] = {}
+        self._is_large, self._holder = False, 0
         self._inside = False
         self._closed = False
         self.recent = RecentChanges()
@@ -93,8 +99,28 @@ class Writer:
 
     def queue(self) -> tuple[int, float]:
         """Return how many threads wait to write, and for how long the first has waited (s)."""
-        since = list(self._waiting.values())
+        since = [*self._waiting.values(), *self._waiting_large.values()]
         return len(since), time.monotonic() - min(since) if since else 0.0
+
+    def _acquire_after_small(self) -> None:
+        """Take the lock for a large change: one of them at a time, and after small ones that wait.
+
+        Whoever sends many large changes at once would else keep others waiting for all of them.
+        """
+        thread = threading.get_ident()
+        self._waiting_large[thread] = time.monotonic()
+        try:
+            self._large.acquire()
+        finally:
+            del self._waiting_large[thread]
+        try:
+            until = time.monotonic() + _GIVES_WAY_S
+            while self._waiting and time.monotonic() < until:
+                time.sleep(_LOOK_S)
+            self._acquire()
+        except BaseException:
+            self._large.release()
+            raise
 
     def _acquire(self) -> None:
         # Without contention there is nothing to be counted.
@@ -122,9 +148,20 @@ class Writer:
             return ClosedError("the knowledge base is closed or open for reading only")
         return type(reason)(str(reason), **reason.details)  # each raised one has its own traceback
 
-    def begin(self) -> Overlay:
-        """Take the lock and return an empty change."""
-        self._acquire()
+    def begin(self, size: int = 0) -> Overlay:
+        """Take the lock and return an empty change.
+
+        Parameters
+        ----------
+        size
+            How many statements the change is known to have.
+        """
+        # A thread that writes already is told so below, instead of waiting for itself.
+        is_large = size > MAX_LATE and self._holder != threading.get_ident()
+        if is_large:
+            self._acquire_after_small()
+        else:
+            self._acquire()
         try:
             if self._closed:
                 raise self._refusal()
@@ -140,15 +177,20 @@ class Writer:
             self.committer.store.begin_change()
         except BaseException:
             self._lock.release()
+            if is_large:
+                self._large.release()
             raise
-        self._inside = True
+        self._inside, self._is_large, self._holder = True, is_large, threading.get_ident()
         return self._changes(self.committer.store)
 
     def cancel(self) -> None:
         """Discard the change and release the lock."""
         self.committer.store.end_change()
-        self._inside = False
+        was_large = self._is_large
+        self._inside, self._is_large, self._holder = False, False, 0
         self._lock.release()
+        if was_large:
+            self._large.release()
 
     def finish(self, overlay: Overlay, request: Request) -> Commit:
         """Store the change, release the lock, make it durable, announce it."""
@@ -239,7 +281,8 @@ class Writer:
         return done
 
     def _made(self, make: Callable[[Overlay], object], request: Request) -> Commit:
-        overlay = self.begin()
+        size = request.size
+        overlay = self.begin(size)
         try:
             make(overlay)
         except BaseException:

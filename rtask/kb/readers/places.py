@@ -6,6 +6,7 @@ import functools
 import hashlib
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 
 from rtask.errors import BusyError, ClosedError, QueryTimeout, QueryTooExpensive
@@ -33,11 +34,17 @@ class Places:
         self.waiting = 0
         self._changed = threading.Condition()
         self._taken = self._heavy = self._updating = 0
+        self._authors: Counter[str] = Counter()
         self._waiting_quick = self._waiting_updates = 0
         self._closed = self._refuses_updates = False
 
     def enter(
-        self, heavy: bool, at: float | None, timeout_s: float | None, update: bool = False
+        self,
+        heavy: bool,
+        at: float | None,
+        timeout_s: float | None,
+        update: bool = False,
+        who: str | None = None,
     ) -> Callable[[], None]:
         """Wait for a free place; return a function that releases it.
 
@@ -47,6 +54,8 @@ class Places:
             Whether the reserved places are barred to it.
         at, timeout_s
             Deadline on the monotonic clock, and the time limit to report in the error.
+        who
+            Author of an update, who leaves the last of their places to others.
 
         Raises
         ------
@@ -56,13 +65,13 @@ class Places:
             Too many queries are waiting.
         """
         with self._changed:
-            if not self._is_room(heavy, update) and self.waiting >= self.limits.queue:
+            if not self._is_room(heavy, update, who) and self.waiting >= self.limits.queue:
                 raise BusyError(f"too many queries are waiting ({self.waiting}); try again later")
             self.waiting += 1
             self._waiting_quick += not heavy
             self._waiting_updates += update
             try:
-                while not (self._is_room(heavy, update) or self._is_barred(update)):
+                while not (self._is_room(heavy, update, who) or self._is_barred(update)):
                     require_time(at, timeout_s)
                     self._changed.wait(None if at is None else at - time.monotonic())
             finally:
@@ -70,7 +79,7 @@ class Places:
                 self._waiting_quick -= not heavy
                 self._waiting_updates -= update
             self._require_open(update)
-            return self._take(heavy, update)
+            return self._take(heavy, update, who)
 
     def enter_now(self) -> Callable[[], None] | None:
         """Take a place for quick queries; return a function that releases it, or none if full."""
@@ -92,22 +101,30 @@ class Places:
         waits_update = updates > 0 and self._updating < limits.updates
         return (waits_long or waits_update) and self._heavy < limits.long
 
-    def _take(self, heavy: bool, update: bool) -> Callable[[], None]:
+    def _take(self, heavy: bool, update: bool, who: str | None = None) -> Callable[[], None]:
         self._taken += 1
         self._heavy += heavy
         self._updating += update
-        return functools.partial(self._leave, heavy, update)
+        if who is not None:
+            self._authors[who] += 1
+        return functools.partial(self._leave, heavy, update, who)
 
-    def _is_room(self, heavy: bool, update: bool) -> bool:
+    def _is_room(self, heavy: bool, update: bool, who: str | None = None) -> bool:
         limits = self.limits
         if update and self._updating >= limits.updates:
+            return False
+        if who is not None and self._authors[who] >= max(1, limits.updates - 1):
             return False
         if heavy and self._heavy >= limits.long:
             return False
         return self._taken < limits.count
 
-    def _leave(self, heavy: bool, update: bool) -> None:
+    def _leave(self, heavy: bool, update: bool, who: str | None = None) -> None:
         with self._changed:
+            if who is not None:
+                self._authors[who] -= 1
+                if not self._authors[who]:
+                    del self._authors[who]
             self._taken -= 1
             self._heavy -= heavy
             self._updating -= update

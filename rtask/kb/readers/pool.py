@@ -243,7 +243,12 @@ class Readers:
         return self._supply.changes
 
     def evaluate_update(
-        self, text: str, order: bytes, timeout_s: float, limit_s: float
+        self,
+        text: str,
+        order: bytes,
+        timeout_s: float,
+        limit_s: float,
+        who: str | None = None,
     ) -> tuple[bytes, Callable[[], bool]]:
         """Return the change that an update makes, and whether its reader's copy is still in use.
 
@@ -253,6 +258,8 @@ class Readers:
             From :meth:`rtask.kb.readers.updating.UpdateOrder.encode`.
         timeout_s, limit_s
             Remaining time, and the time limit to report in the error.
+        who
+            The author, who leaves a place to others; see :meth:`Places.enter`.
 
         Raises
         ------
@@ -264,7 +271,7 @@ class Readers:
         at = time.monotonic() + timeout_s
         asked = _Asked(order, text, b"U", "update")
         self._refused.check(asked.kind, asked.text)
-        leave = self._places.enter(True, at, limit_s, update=True)
+        leave = self._places.enter(True, at, limit_s, update=True, who=who)
         try:
             stream = self._ask(asked, at, limit_s, self._begin_update)
         except ClosedError:

@@ -154,7 +154,7 @@ def _commit(
         _require_size(change, request, writer)
         if trial is not None:
             trial.catch_up()
-        overlay = writer.begin()
+        overlay = writer.begin(_size(change))
         now = last_seq()
         is_valid = now == seq or (reads and writer.recent.left_alone(reads, seq, now))
         if is_valid and is_current():
@@ -196,7 +196,7 @@ def _change(
     left = deadline - time.monotonic()
     try:
         data, is_current = readers.evaluate_update(
-            order.text, payload, left, order.limits.seconds
+            order.text, payload, left, order.limits.seconds, order.access.agent
         )
         received = decode_change(data)
         # Parsed now, since the lock is mostly taken later.
@@ -209,6 +209,10 @@ def _change(
 def _require_size(change: ReceivedChange, request: Request, writer: Writer) -> None:
     added, removed = ([*quads] for quads in (change.added, change.removed))
     writer.committer.check_size(len(added), len(removed), request.access)
+
+
+def _size(change: ReceivedChange) -> int:
+    return sum(len([*quads]) for quads in (change.added, change.removed))
 
 
 def _fill(overlay: Overlay, received: ReceivedChange) -> None:
