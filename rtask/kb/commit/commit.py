@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Collection, Mapping
+from collections import deque
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from pyoxigraph import Quad
@@ -16,8 +17,9 @@ from rtask.kb.commit.validation import Violation
 from rtask.kb.durability.blobs import Blob
 from rtask.rdf.terms import GraphName, NamedNode
 
-__all__ = ["MAX_EMPTIED", "MAX_QUADS", "Change", "Commit", "Request"]
+__all__ = ["MAX_EMPTIED", "MAX_QUADS", "Change", "Commit", "RecentChanges", "Request"]
 
+_KEPT = 1_000
 MAX_QUADS = 200_000
 MAX_EMPTIED = 2_000_000
 """Statements that a commit may remove by emptying whole graphs."""
@@ -80,6 +82,33 @@ class Change:
     def graphs(self) -> frozenset[GraphName]:
         """The asserted graphs that changed."""
         return frozenset(quad.graph_name for quad in (*self.added, *self.removed))
+
+
+class RecentChanges:
+    """Graphs changed by each of the last commits; used while nobody writes.
+
+    Commits that were not noted, such as those of another process, count as changes of all graphs.
+    """
+
+    def __init__(self) -> None:
+        self._changes: deque[tuple[int, frozenset[GraphName]]] = deque(maxlen=_KEPT)
+
+    def note(self, change: Change) -> None:
+        """Take note of a commit that was stored."""
+        self._changes.append((change.commit.seq, change.graphs))
+
+    def left_alone(self, graphs: Iterable[GraphName], since: int, until: int) -> bool:
+        """Whether no commit after one, up to another, changed any of some asserted graphs.
+
+        >>> RecentChanges().left_alone([], 3, 3), RecentChanges().left_alone([], 3, 4)
+        (True, False)
+        """
+        asked, number = frozenset(graphs), until
+        for seq, changed in reversed(self._changes):
+            if number == since or seq != number or not changed.isdisjoint(asked):
+                break
+            number -= 1
+        return number == since
 
 
 @dataclass(frozen=True)

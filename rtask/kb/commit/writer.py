@@ -18,9 +18,8 @@ from typing import Any, TypeVar
 
 from rtask.errors import ClosedError, ForbiddenError, RtaskError, UsageError
 from rtask.kb.commit.budget import return_memory
-from rtask.kb.commit.commit import Change, Commit, Request
+from rtask.kb.commit.commit import Change, Commit, RecentChanges, Request
 from rtask.kb.commit.committer import Committer
-from rtask.kb.commit.recent import RecentChanges
 from rtask.kb.commit.foreign.supports import Support, support_of
 from rtask.kb.commit.trials.derivation import (
     ContradictedTrialError,

@@ -4,7 +4,8 @@ A reader has the state of the store after one commit. Its answer is committed if
 still the last one, or if later ones changed none of the graphs that the update reads, where its
 text says which; otherwise the update is evaluated again (optimistic concurrency control, Kung
 and Robinson 1981). Without the second, a robot that tidies up its own graph would have to be
-quicker than the pause between any two commits of others. A quick update that conflicts repeatedly is evaluated under the writers' lock.
+quicker than the pause between any two commits of others. A quick update that conflicts
+repeatedly is evaluated under the writers' lock.
 """
 
 from __future__ import annotations

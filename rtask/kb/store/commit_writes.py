@@ -19,11 +19,13 @@ from rtask.rdf.terms import DEFAULT, GraphName
 __all__ = ["MAX_LATE", "MAX_NOTED_LATE", "all_writes", "with_union"]
 
 MAX_LATE = 1_000
-"""Changes with more statements have those of before them stored first, and are looked up at once."""
+"""Before changes with more statements the notes that wait are stored, so that what is looked up of
+them stays true."""
 MAX_NOTED_LATE = 12_000
 """Changes with more statements, those derived included, store their notes at once.
 
-Without its notes a change that only adds needs no text of all its statements for the store to parse.
+Without its notes a change that only adds needs no text of all its statements, which the store would
+parse.
 """
 
 

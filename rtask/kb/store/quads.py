@@ -188,9 +188,7 @@ def _is_ground(quad: Quad) -> bool:
     return is_ground(quad.subject) and is_ground(quad.object) and is_ground(quad.graph_name)
 
 
-def with_properties(
-    quads: Iterable[Quad], matters: Callable[[NamedNode], bool]
-) -> Iterator[Quad]:
+def with_properties(quads: Iterable[Quad], matters: Callable[[NamedNode], bool]) -> Iterator[Quad]:
     """Yield the quads whose property passes a test, which is made once for each property.
 
     A change of ten thousand statements has few properties, and its checks hold others up.
