@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from rtask.rdf.namespaces import RT, mint
 from rtask.rdf.terms import Literal, NamedNode, iri
-from rtask.world.doubts import doubts_about, is_moved_together, mutual_doubts
-from rtask.world.identity import Candidate, identify
-from rtask.world.late import Then, inserted, is_same_place, then, was_seen_since
-from rtask.world.pending import MOVED_RAD, PendingWorld
+from rtask.world.identities.doubts import doubts_about, is_moved_together, mutual_doubts
+from rtask.world.identities.identity import Candidate, identify
+from rtask.world.identities.late import Then, inserted, is_same_place, then, was_seen_since
+from rtask.world.identities.pending import MOVED_RAD, PendingWorld
+from rtask.world.identities.seen import Look, Seen, in_order
 from rtask.world.placement import Placement, Relation
-from rtask.world.seen import Look, Seen, in_order
 from rtask.world.spots import Pose
 from rtask.world.standing import is_same_standing
 from rtask.world.statements import Statement, confirmed, doubted, ended, new_exemplar, placed

@@ -6,7 +6,7 @@ import pytest
 
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import iri
-from rtask.world.identity import Candidate, identify
+from rtask.world.identities.identity import Candidate, identify
 from rtask.world.uncertainty import Spread
 
 HERE = Spread(0.005, 1.0, 0.35)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rtask.world.identity import Candidate
+from rtask.world.identities.identity import Candidate
+from rtask.world.identities.seen import Seen
 from rtask.world.placement import Placement
-from rtask.world.seen import Seen
 from rtask.world.spots import Pose, carried, is_at
 from rtask.world.state import WorldState
 from rtask.world.uncertainty import MOVED_M, NEARBY_M, Spread, spread_of

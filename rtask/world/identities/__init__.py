@@ -1,0 +1,1 @@
+"""Which thing a robot sees: looks, candidates, late reports, and doubts about identity."""
