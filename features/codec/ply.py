@@ -218,42 +218,69 @@ class _Header:
     rows: int = 0
     after: str = ""
     after_fields: list[tuple[str, str]] = field(default_factory=list)
+    element: str = ""
+
+    def take(self, words: list[str]) -> bool:
+        """Take a line of the header in; return whether it is one that is understood."""
+        match words:
+            case [] | ["comment", *_]:
+                return True
+            case ["obj_info", *_]:
+                self._take_info(words)
+                return True
+            case ["format", name, _]:
+                self.order = _ORDERS.get(name, "")
+                return name in _ORDERS
+            case ["element", *_]:
+                self._take_element(words)
+                return True
+            case ["property", *_]:
+                return self._take_property(words)
+        return False
+
+    def _take_info(self, words: list[str]) -> None:
+        """Take the size of a range grid, which programs for laser scanners write here."""
+        if len(words) == 3 and words[2].isdigit():
+            if words[1] == "num_cols":
+                self.columns = int(words[2])
+            elif words[1] == "num_rows":
+                self.rows = int(words[2])
+
+    def _take_element(self, words: list[str]) -> None:
+        if len(words) != 3 or not words[2].isdigit():
+            return
+        if self.count < 0 and words[1] != "vertex":
+            self.before.append((int(words[2]), []))
+        if words[1] == "vertex":
+            self.count = int(words[2])
+        elif self.element == "vertex":
+            self.after = words[1]
+        self.element = words[1]
+
+    def _take_property(self, words: list[str]) -> bool:
+        """Take a field: what stands before and in the vertices must be read to find its end.
+
+        What comes behind is never needed but for the element after them, so it may be anything.
+        """
+        if self.element == "vertex" or self.count < 0:
+            kinds = _property(words)
+            if kinds is None or self.element == "":
+                return False
+            if self.element != "vertex":
+                self.before[-1][1].append(kinds)
+                return True
+            self.fields.append((words[-1], "" if kinds[0] else kinds[1]))
+            if kinds[0]:
+                self.lists[words[-1]] = kinds
+        elif self.element == self.after and len(words) == 3:
+            self.after_fields.append((words[2], _TYPES.get(words[1], "i4")))
+        return True
 
 
 def _read_header(text: str) -> _Header:
-    header, element = _Header(), ""
+    header = _Header()
     for line in text.split("\n")[1:]:
-        words = line.split()
-        if words[:1] == ["obj_info"] and len(words) == 3 and words[2].isdigit():
-            if words[1] == "num_cols":
-                header.columns = int(words[2])
-            elif words[1] == "num_rows":
-                header.rows = int(words[2])
-        if not words or words[0] in ("comment", "obj_info"):
-            continue
-        if words[0] == "format" and len(words) == 3 and words[1] in _ORDERS:
-            header.order = _ORDERS[words[1]]
-        elif words[0] == "element" and len(words) == 3 and words[2].isdigit():
-            if header.count < 0 and words[1] != "vertex":
-                header.before.append((int(words[2]), []))
-            if words[1] == "vertex":
-                header.count = int(words[2])
-            elif element == "vertex":
-                header.after = words[1]
-            element = words[1]
-        elif words[0] == "property" and (element == "vertex" or header.count < 0):
-            kinds = _property(words)
-            if kinds is None or element == "":
-                raise CloudFormatError(f"PLY: cannot read {line.strip()!r}")
-            if element != "vertex":
-                header.before[-1][1].append(kinds)
-                continue
-            header.fields.append((words[-1], "" if kinds[0] else kinds[1]))
-            if kinds[0]:
-                header.lists[words[-1]] = kinds
-        elif words[0] == "property" and element == header.after and len(words) == 3:
-            header.after_fields.append((words[2], _TYPES.get(words[1], "i4")))
-        elif words[0] not in ("property", "element"):
+        if not header.take(line.split()):
             raise CloudFormatError(f"PLY: cannot read {line.strip()!r}")
     names = {name for name, _ in header.fields}
     if header.order == "?" or header.count < 0 or len(names) != len(header.fields):

@@ -259,71 +259,106 @@ def _grouping(outline: Outline) -> Iterator[Finding]:
             yield Finding("not-grouped", "certain", node.start, node.end, words, (repair,))
 
 
-def _bridges(outline: Outline) -> Iterator[Finding]:
-    """Yield the patterns that share no variable with the rest, so that all is combined with all."""
-    parent: dict[str, str] = {}
+class _Connections:
+    """Which variables of a query its patterns connect, as sets that only grow together.
 
-    def find(name: str) -> str:
-        while parent.setdefault(name, name) != name:
-            name = parent[name]
+    Parameters
+    ----------
+    outline
+        Of the query.
+    """
+
+    _ONE_ROW = "one row"
+
+    def __init__(self, outline: Outline) -> None:
+        self._parent: dict[str, str] = {}
+        self._places: dict[str, list[Node]] = defaultdict(list)
+        groups = list(outline.body.walk())
+        # A class connects its members with what the query says of the class itself.
+        self._described = {
+            edge.subject.value
+            for group in groups
+            for edge in group.edges
+            if edge.subject.kind == "iri"
+        }
+        totals = {id(inner.body) for inner in outline.inner if inner.is_total}
+        for group in groups:
+            self._join_edges(group)
+            self._join_expressions(group)
+            if id(group) in totals:
+                self._join([self._ONE_ROW, *_mentions(group)])
+        if totals:
+            self._let_totals_pass()
+
+    def parts(self) -> list[list[Node]]:
+        """Return the mentions of connected variables, set by set, in the order of the text."""
+        parts: dict[str, list[Node]] = defaultdict(list)
+        for name, nodes in self._places.items():
+            parts[self._root(name)] += nodes
+        return sorted(parts.values(), key=lambda nodes: min(node.start for node in nodes))
+
+    def _root(self, name: str) -> str:
+        while self._parent.setdefault(name, name) != name:
+            name = self._parent[name]
         return name
 
-    def join(names: list[str]) -> None:
+    def _join(self, names: list[str]) -> None:
         for name in names[1:]:
-            parent[find(name)] = find(names[0])
+            self._parent[self._root(name)] = self._root(names[0])
 
-    places: dict[str, list[Node]] = defaultdict(list)
-    groups = list(outline.body.walk())
-    # A class connects its members with what the query says of the class itself.
-    spoken_of = {
-        edge.subject.value for group in groups for edge in group.edges if edge.subject.kind == "iri"
-    }
-    totals = {id(inner.body) for inner in outline.inner if inner.is_total}
-    for group in groups:
+    def _join_edges(self, group: Group) -> None:
+        """Join the ends of each pattern, and what stands in one named graph."""
         inside: list[str] = []
         for edge in group.edges:
-            ends = edge.variables
-            # A thing that the query names connects its patterns; a class that it names does not.
+            # A thing that the query names connects its patterns; a class that it names does not,
+            # or any two patterns about cups would count as connected.
             is_type = any(step.node.value == RDF_TYPE.value for step in edge.steps)
             named = [
                 end
                 for end in edge.ends
-                if end.kind == "iri" and (not is_type or end.value in spoken_of)
+                if end.kind == "iri" and (not is_type or end.value in self._described)
             ]
-            join([*(end.value for end in ends), *(f"<{end.value}>" for end in named)])
-            for end in ends:
-                places[end.value].append(end)
-            inside += [end.value for end in ends]
+            variables = [end.value for end in edge.variables]
+            self._join([*variables, *(f"<{end.value}>" for end in named)])
+            for end in edge.variables:
+                self._places[end.value].append(end)
+            inside += variables
         if group.graph is not None and group.graph.kind == "variable":
-            join([group.graph.value, *inside])
+            self._join([group.graph.value, *inside])
+
+    def _join_expressions(self, group: Group) -> None:
+        """Join what a FILTER, BIND, VALUES, sub-select or UNION has in common."""
         for nodes in group.filters:
-            join([node.value for node in nodes])
+            self._join([node.value for node in nodes])
         for node, nodes in group.binds:
-            join([node.value, *(branch.value for branch in nodes)])
-        join([node.value for node, _ in group.values])
+            self._join([node.value, *(branch.value for branch in nodes)])
+        self._join([node.value for node, _ in group.values])
         if group.defined:
-            join([*(node.value for node in group.defined), *_mentions(group)])
-        if id(group) in totals:
-            join(["one row", *_mentions(group)])
+            self._join([*(node.value for node in group.defined), *_mentions(group)])
         # The branches of a UNION are alternatives, which nothing has to connect.
         branches = [child for child in group.children if child.role == "union"]
-        join([f"union {id(group)}", *(name for branch in branches for name in _mentions(branch))])
-    apart = next((name for name in places if totals and find(name) != find("one row")), "")
-    if apart:  # a sub-select of one row, such as a count, goes with anything
-        join([apart, "one row"])
-    parts: dict[str, list[Node]] = defaultdict(list)
-    for name, nodes in places.items():
-        parts[find(name)] += nodes
-    if len(parts) < 2:
-        return
-    ordered = sorted(parts.values(), key=lambda nodes: min(node.start for node in nodes))
-    for nodes in ordered[1:]:
+        self._join(
+            [f"union {id(group)}", *(name for branch in branches for name in _mentions(branch))]
+        )
+
+    def _let_totals_pass(self) -> None:
+        """Connect sub-selects of one row, such as a count, with the rest: they go with anything."""
+        total = self._root(self._ONE_ROW)
+        other = next((name for name in self._places if self._root(name) != total), None)
+        if other is not None:
+            self._join([other, self._ONE_ROW])
+
+
+def _bridges(outline: Outline) -> Iterator[Finding]:
+    """Yield the patterns that share no variable with the rest, so that all is combined with all."""
+    first_part, *others = _Connections(outline).parts() or [[]]
+    for nodes in others:
         first = min(nodes, key=lambda node: node.start)
-        if first.start == first.end:
+        if first.start == first.end:  # a blank node, of which there is nothing to point at
             continue
         words = f"nothing connects ?{as_written(first.value)} with the patterns before it"
         yield Finding(
-            "missing-bridge", "likely", first.start, first.end, words, _bridge(nodes, ordered[0])
+            "missing-bridge", "likely", first.start, first.end, words, _bridge(nodes, first_part)
         )
 
 

@@ -18,15 +18,19 @@ pytestmark = [
 ]
 
 
-@pytest.mark.parametrize("count", [2, pytest.param(10, marks=pytest.mark.deep)])
+# Without a reasoner no closure is kept on the server, half of what this takes.
+@pytest.mark.parametrize(
+    ("count", "reason"), [(1, False), pytest.param(10, True, marks=pytest.mark.deep)]
+)
 def test_new_objects_take_at_most_two_requests_each(
-    bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int
+    bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int, reason: bool
 ) -> None:
     monkeypatch.setattr(sync, "EVERY_S", 3600.0)  # the look for commits of others
     server = Oxigraph(tmp_path / "oxigraph")
     server.start()
     try:
-        with rtask.open(server.address, folder=tmp_path / "here") as kb, Engine(kb) as engine:
+        here = tmp_path / "here"
+        with rtask.open(server.address, folder=here, reason=reason) as kb, Engine(kb) as engine:
             assert isinstance(kb.store, RemoteStore)
             robot = bench.Robot("nao-1", engine)
             robot.register()
