@@ -327,7 +327,7 @@ def main() -> None:
                 states.append(row["state"])
                 _say(row["state"], mutation, f"{row['test'] or ''} (before)")
                 continue
-            result = tried(copy, mutation, given.timeout, row and row["test"])
+            result = tried(copy, mutation, given.timeout, row["test"] if row else None)
             states.append(result.state)
             _say(result.state, mutation, f"{result.test or ''} {result.cpu_s:.0f} s CPU")
             if given.journal:

@@ -34,6 +34,7 @@ def response_of(message: JsonObject) -> Response:
     """Return the response that carries a message; a greeting also hands out a session id."""
     body = json.dumps(message, ensure_ascii=False, separators=(",", ":")).encode()
     response = Response(200, body, JSON_TYPE)
+    # Only the answer to initialize has it (MCP, Lifecycle).
     if "protocolVersion" in (message.get("result") or {}):
         return response.with_headers((SESSION, secrets.token_hex(16)))
     return response
@@ -64,6 +65,8 @@ def plan_messages(
     UsageError
         The body is not JSON, or holds no message.
     """
+    # Before anything is read: a page in somebody's browser must not reach a server on his machine
+    # (MCP, Transports: DNS rebinding).
     auth.check_origin(request, caller)
     version = request.header("mcp-protocol-version")
     if version and version not in VERSIONS:
@@ -72,6 +75,7 @@ def plan_messages(
         )
     sent = json_value(request)
     program = program_of(caller.key, request)
+    # Later protocols have no batches; an agent that names none is of the oldest one.
     if isinstance(sent, list) and version in ("", VERSIONS[-1]):
         return _plan_batch(program, calls, sent, plan_message)
     if not isinstance(sent, dict):
@@ -80,6 +84,7 @@ def plan_messages(
         _take_note(program, calls, sent)
         return Plan.ready(Response(202))
     wants_events = _EVENT_STREAM in request.header("accept")
+    # Without a stream there is nothing to tell progress on.
     token = _progress_token(sent) if wants_events else None
     return plan_message(sent, AgentCall(sent["id"], token))
 
@@ -138,6 +143,7 @@ def _plan_batch(
     if not sent or len(sent) > MAX_BATCH or not all(isinstance(message, dict) for message in sent):
         raise UsageError(f"expected one JSON object, or a list of 1 to {MAX_BATCH}")
     for message in sent:
+        # Before the requests: one that a later message of the same batch gives up is not begun.
         if _is_notification(message):
             _take_note(program, calls, message)
     requests = [message for message in sent if not _is_notification(message)]

@@ -91,6 +91,8 @@ def _rule_named(kb: KnowledgeBase, name: str) -> Rule:
     """Return a rule by its label, its IRI or the last part of that."""
     rules = kb.rules()
     for rule in rules:
+        # The last part of an IRI goes first: it is what Location named, and another rule may have
+        # it as its label.
         if rule.iri is not None and rule.iri.value.rpartition("/rule/")[2] == name:
             return rule
     match = find(rules, name)
@@ -101,6 +103,7 @@ def _add(kb: KnowledgeBase, request: Request, caller: Caller) -> Response:
     sent = _sent(request)
     note = caller.note(request)
     commit = kb.add_rules(sent.rules, access=caller.access, replace=sent.replace, note=note)
+    # Read back: the store may have given another IRI than the label suggests.
     made = [_rule_named(kb, rule.label.strip()) for rule in sent.rules]
     facts = {"commit": commit.seq, "derived": commit.derived, "changed": commit.added > 0}
     if sent.several:
@@ -113,6 +116,7 @@ def _add(kb: KnowledgeBase, request: Request, caller: Caller) -> Response:
 def _remove(kb: KnowledgeBase, names: list[str], request: Request, caller: Caller) -> Response:
     labels = [_rule_named(kb, name).label for name in names]
     commit = kb.remove_rules(labels, access=caller.access, note=caller.note(request))
+    # One rule in the path is answered by itself, a list of ?label= by a list, however many it has.
     removed = labels if request.values("label") else labels[0]
     return _json({"removed": removed, "commit": commit.seq, "withdrawn": commit.withdrawn})
 
@@ -131,6 +135,8 @@ def _triple(kb: KnowledgeBase, request: Request) -> TripleKey:
 def _budget(request: Request) -> int:
     """Return the steps that a request asks for."""
     given = (request.values("budget") or [str(BUDGET)])[-1]
+    # isdecimal alone takes the digits of every script; ten are looked at, since int() of a million
+    # is slow.
     if not (given.isascii() and given.isdecimal()) or not 1 <= int(given[:10]) <= MAX_BUDGET:
         raise UsageError(
             f"budget is a whole number of steps from 1 to {MAX_BUDGET}, got {given[:20]!r}; "
@@ -157,6 +163,7 @@ def _conclusion(kb: KnowledgeBase, request: Request) -> list[TripleKey]:
             )
         form, data = named, request.body
     document = Document("<body>", data=data)
+    # One more than may be, to tell a full document from a longer one without reading that.
     quads = list(islice(statements(document, find_format(form)), MAX_CONCLUSION + 1))
     if len(quads) > MAX_CONCLUSION:
         raise TooLargeError(
@@ -209,6 +216,7 @@ def _sent(request: Request) -> _Sent:
             headers=(("Accept-Post", f"{JSON_TYPE}, {SPARQL_TYPE}"),),
         )
     sent = json_object(request)
+    # A text such as "no" would be true.
     replace = sent.get("replace") is True
     if "rules" not in sent:
         return _Sent([_rule(sent, _FIELDS)], replace)

@@ -53,6 +53,7 @@ class Graph:
         nodes: dict[str, Peer | None] = {SERVER_NODE: None}
         for peer in self.sessions():
             name = f"/{peer.identity}"
+            # One robot may hold several connections, and names of nodes are unique in ROS.
             nodes[f"{name}_{peer.number}" if name in nodes else name] = peer
         return nodes
 
@@ -88,6 +89,7 @@ def _service(name: str, scope: str, answer: Answer) -> Service:
         return answer(args)
 
     camel = "".join(part.title() for part in name.split("_"))
+    # The one service whose type does not follow from its name.
     type_ = "rosapi/GetActionServers" if name == "action_servers" else f"rosapi/{camel}"
     fields = _FIELDS.get(name, ())
     return Service(f"/rosapi/{name}", type_, scope, handler, inline=True, positional=fields)
@@ -213,6 +215,7 @@ def _parameters(graph: Graph) -> dict[str, Answer]:
         value = graph.parameters.get(name)
         if value is not None:
             return {"value": value, "successful": True, "reason": ""}
+        # Called default in ROS 1 and default_value in ROS 2.
         default = args.get("default") or args.get("default_value")
         if isinstance(default, str):
             return {"value": default, "successful": True, "reason": ""}

@@ -51,6 +51,8 @@ class Subscriber:
     @property
     def pause_s(self) -> float:
         """Requested time between two messages in s."""
+        # A session gets one copy for all its subscriptions, as often as the least patient one asks
+        # (rosbridge 2.0, 3.4.4).
         return min(self.throttles_ms.values(), default=0.0) / 1_000
 
     def is_due(self, now: float) -> bool:
@@ -62,9 +64,12 @@ class Subscriber:
 
     def hold(self, text: str) -> bool:
         """Hold a message for later, dropping the oldest; tell whether it is the only one."""
+        # A length of 0 still keeps the newest: a robot that wants no queue wants the current state.
         room = min(max(1, *self.queues.values()) if self.queues else 1, MAX_HELD)
         while len(self.held) >= room:
             self.held.popleft()
+            # The queue was full with one message, which is replaced: its delivery is scheduled
+            # already.
             if not self.held:
                 self.held.append(text)
                 return False
@@ -172,6 +177,7 @@ class Topics:
             subscriber.queues[id_] = queue_length
             subscriber.deliver = deliver
             latched = topic.latched
+        # Outside of the lock, like every delivery: a slow robot would hold up all topics.
         if latched:
             deliver(latched, name)
 
@@ -193,6 +199,7 @@ class Topics:
         """Deliver a robot's message to all subscribers, itself included."""
         self._refuse_reserved(name)
         topic = self._topics.get(name)
+        # Some clients latch when they advertise, others when they publish.
         latch = latch or (topic is not None and session in topic.latching)
         self._send(name, message, latch)
 
@@ -212,6 +219,7 @@ class Topics:
                 self._latch(topic, text)
             due = []
             for session, subscriber in topic.subscribers.items():
+                # Never past what is waiting: order of messages is kept.
                 if not subscriber.held and subscriber.is_due(now):
                     due.append(subscriber)
                 elif self._deadlines is not None and subscriber.hold(text):
@@ -246,6 +254,8 @@ class Topics:
         topic.latched = text
         latched = [other for other in self._topics.values() if other.latched]
         if len(latched) > MAX_LATCHED:
+            # The oldest topic, since dictionaries keep the order of arrival; a robot cannot fill
+            # the memory by latching on ever new names.
             latched[0].latched = ""
 
     def leave(self, session: int) -> None:

@@ -72,6 +72,7 @@ def read_pcd(data: bytes, limits: Limits) -> Cloud:
     viewpoint = _viewpoint(header)
     if viewpoint is None:
         return replace(cloud, frame_id=frame_id)
+    # Points of a PCD file are in the sensor's frame; VIEWPOINT says where that stood.
     positions = np.asarray(transform(viewpoint, cloud.positions), np.float32)
     return replace(cloud, positions=positions, frame_id=frame_id, viewpoint=viewpoint)
 
@@ -92,6 +93,7 @@ def _viewpoint(header: dict[str, list[str]]) -> NDArray[np.float64] | None:
     if np.array_equal(numbers, _AT_ORIGIN):
         return None
     pose = np.eye(4)
+    # The file has w first, scipy takes it last.
     pose[:3, :3] = Rotation.from_quat(numbers[[4, 5, 6, 3]]).as_matrix()
     pose[:3, 3] = numbers[:3]
     return pose
@@ -187,6 +189,8 @@ def _layout(header: dict[str, list[str]]) -> list[tuple[str, str]]:
             raise CloudFormatError(f"PCD: field {name} of TYPE {kind} and SIZE {size}")
         if not count.isdigit() or not 1 <= int(count) <= 1_024:
             raise CloudFormatError(f"PCD: field {name} of COUNT {count}")
+        # The Point Cloud Library calls every padding _, and a layout of numpy has no two fields of
+        # one name.
         several = int(count) > 1 or name == "_"
         for _ in range(int(count)):
             fields.append((f"{name}#{len(fields)}" if several else name, code))
@@ -241,8 +245,11 @@ def _lzf(data: bytes, size: int) -> bytes:
                 position += 1
                 if start < 0:
                     raise CloudFormatError("PCD: the compressed data point before their beginning")
+                # Byte by byte, for a copy may read what it has just written: that is how LZF
+                # repeats a pattern.
                 for index in range(start, start + length + 2):
                     out.append(out[index])
+            # Ended at once: a few bytes can unpack to gigabytes.
             if len(out) > size:
                 break
     except IndexError:

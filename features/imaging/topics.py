@@ -116,11 +116,14 @@ def plan_topics(topics: Sequence[Topic]) -> Plan:
     """
     plan = Plan(any(topic.kind.endswith("PointCloud2") for topic in topics))
     pictures = [topic for topic in topics if topic.kind.endswith("Image")]
+    # An image of 16 bits is depth only where nothing else could be: beside a cloud or named depth
+    # it may as well be an infrared picture or a mask.
     has_space = plan.has_clouds or any(
         says_depth(topic.name) and not _is_colour_beside_depth(topic) for topic in pictures
     )
     for topic in pictures:
         _give_part(plan, topic, has_space)
+    # Collected first, since what is deleted here is what the others are compared with.
     for name in [name for name, topic in plan.depth.items() if _is_superseded(plan, topic)]:
         del plan.depth[name]
     for name, topic in plan.depth.items():
@@ -130,6 +133,8 @@ def plan_topics(topics: Sequence[Topic]) -> Plan:
         if plan.depth and name not in used and not any(
             _is_of_camera(topic, depth) for depth in plan.depth.values()
         ):  # fmt: skip
+            # A colour that no depth took as the best of its camera is no fault; one of no camera
+            # with depth is left out, and that is said.
             plan.left_out[name] = f"of another camera than the depth of {', '.join(plan.depth)}"
     return plan
 
@@ -241,6 +246,8 @@ def is_infrared_topic(topic: str) -> bool:
     >>> is_infrared_topic("/camera/depth/ir_image"), is_infrared_topic("/camera/ir/depth_image")
     (True, False)
     """
+    # Of two such words in a name the later one is about the image, the earlier one about the
+    # device.
     last = max((match.start() for match in _INFRARED.finditer(topic)), default=-1)
     return last >= 0 and last >= topic.lower().rfind("depth")
 

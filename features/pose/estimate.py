@@ -90,13 +90,18 @@ def estimate_pose(
             params.time_limit_s is not None and time.perf_counter() - started > params.time_limit_s
         )
         if k and late:
+            # What was found so far is kept and said to be incomplete: not known is not no.
             complete = False
             break
         more = params.more_starts // 2 if guess.is_part else params.more_starts
         pool += task.poses(guess, params.starts if k == 0 else more)
     if matched is not None:
+        # A print that matched says how the object is turned, which its shape may not; never to the
+        # point of having no pose.
         pool = task.turned_alike(pool, matched) or pool
     pool.sort(key=lambda scored: -scored.score)
+    # Surroundings cost another look at each pose: only where poses compete, or none explains
+    # enough.
     bound = pool[0].score - params.doubt
     torn = task.distinct([scored for scored in pool if scored.score > bound], params.recollected)
     if len(torn) > 1 or not task.is_enough(pool):
@@ -139,6 +144,7 @@ def _answer(
         if matched is None:
             best = close[int(np.argmin(np.nan_to_num(_misfits(task, close), nan=np.inf)))]
         else:
+            # Among variants that symmetry makes equal, the one that a print was matched with.
             best = min(close, key=lambda scored: angle_between(scored.rotation, matched))
     away = task.distances(task.judged.places, best.rotation, best.translation)
     explained = float((away < _EXPLAINED_M + task.model.cell_m / 2).mean())

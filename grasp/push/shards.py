@@ -62,6 +62,8 @@ def shard(first: int, count: int, parts: int) -> list[Range]:
     size, left = divmod(count, parts)
     out, at = [], first
     for i in range(parts):
+        # The first ranges take the rest, one each, so that no range is longer than another by more
+        # than one.
         step = size + (i < left)
         out.append((at, step))
         at += step
@@ -111,6 +113,8 @@ class Watch:
         """
         parts = self._executor.workers
         if self._is_watched:
+            # More, smaller ranges cost a little, but without them nothing could be told, or
+            # stopped, before the end.
             parts = max(parts * _PIECES, -(-count // _LONGEST))
         ranges = shard(first, count, parts)
         results: dict[int, T] = {}
@@ -120,8 +124,11 @@ class Watch:
                 self._done += ranges[number][1]
                 if self._progress is not None:
                     self._progress(self._done, self._total)
+                # The first range is waited for even then: what counts is an unbroken run of trials
+                # from the first one on, whose draws do not depend on how they were split.
                 if self.is_over and 0 in results:
                     break
+        # Ranges behind a gap are dropped: with them the trials would not be the first so many.
         whole = itertools.takewhile(results.__contains__, range(len(ranges)))
         return [(ranges[number], results[number]) for number in whole]
 
@@ -222,6 +229,7 @@ class Ray:
     ) -> Generator[tuple[int, T], None, None]:
         """Yield results as they come; Ray runs again what a dead node was doing."""
         remote = self._ray.remote(_call)
+        # Once for all ranges: the part and its arrays go over the network with it.
         shared = self._ray.put(task)
 
         def begin(number: int) -> Any:
@@ -237,6 +245,7 @@ class Ray:
         return self
 
     def __exit__(self, *_: object) -> None:
+        # A cluster that the caller had joined before stays joined.
         if self._connected:
             self._ray.shutdown()
 
@@ -274,5 +283,6 @@ def open_executor(
         return Ray(address, workers)
     if kind not in ("threads", "processes"):
         raise ValueError(f"unknown executor {kind!r}; serial, threads, processes or ray")
+    # What this process may use, not what the machine has: containers get a share.
     count = workers or len(os.sched_getaffinity(0))
     return Threads(count) if kind == "threads" else Apart(count)

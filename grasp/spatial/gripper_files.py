@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from grasp.spatial.gripper import ParallelGripper, nao_hand, panda_hand, parallel_jaw
 from grasp.spatial.gripper_urdf import gripper_from_urdf
@@ -280,28 +281,39 @@ def _value(name: str, value: Any) -> Any:
         if not (isinstance(value, list) and all(isinstance(entry, str) for entry in value)):
             raise ValueError(f"joints: expected a list of names, got {value!r}")
         return tuple(value)
-    shape: tuple[int, ...] = ()
-    if name in _PAIRS:
-        shape = (_PAIRS[name],)
-    elif name == "parent_from_gripper":
-        shape = (4, 4)
-    elif name == "joint_table":
-        shape = (len(value) if isinstance(value, list) else 0, 2)
+    if name == "parent_from_gripper":
+        return _rigid(name, value)
+    if name == "joint_table":
+        rows = len(value) if isinstance(value, list) else 0
+        return tuple((float(a), float(b)) for a, b in _numbers(name, value, (rows, 2)))
+    shape = (_PAIRS[name],) if name in _PAIRS else ()
+    numbers = _numbers(name, value, shape)
+    if name in _LENGTHS and np.any(numbers < 0):
+        raise ValueError(f"{name}: expected lengths of at least 0 m, got {value!r}")
+    return tuple(float(v) for v in numbers) if shape else float(numbers)
+
+
+def _numbers(name: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return finite numbers of just that shape; () is a single one."""
     try:
         numbers = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         numbers = np.full((), np.nan)
+    # numpy would read "0.1" and true as numbers, which nobody means.
     if isinstance(value, bool | str) or numbers.shape != shape or not np.isfinite(numbers).all():
         expected = "a number" if not shape else f"numbers of shape {shape}"
         raise ValueError(f"{name}: expected {expected}, got {value!r}")
-    if name == "parent_from_gripper":
-        turn = numbers[:3, :3]
-        rigid = np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0
-        if not (rigid and np.array_equal(numbers[3], [0, 0, 0, 1])):
-            raise ValueError(f"{name}: expected a rigid transform, got {value!r}")
-        return numbers
-    if name in _LENGTHS and np.any(numbers < 0):
-        raise ValueError(f"{name}: expected lengths of at least 0 m, got {value!r}")
-    if name == "joint_table":
-        return tuple((float(a), float(b)) for a, b in numbers)
-    return tuple(float(v) for v in numbers) if shape else float(numbers)
+    return numbers
+
+
+def _rigid(name: str, value: Any) -> NDArray[np.float64]:
+    """Return a transform (4, 4) without scale or mirror.
+
+    Within a thousandth: files keep some digits of a rotation.
+    """
+    numbers = _numbers(name, value, (4, 4))
+    turn = numbers[:3, :3]
+    is_rotation = np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0
+    if not (is_rotation and np.array_equal(numbers[3], [0, 0, 0, 1])):
+        raise ValueError(f"{name}: expected a rigid transform, got {value!r}")
+    return numbers

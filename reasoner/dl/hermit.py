@@ -94,6 +94,8 @@ def check(
     DLError
         If there is no answer.
     """
+    # Two runs: of an inconsistent ontology HermiT has no classification, and tells both apart by
+    # its output only.
     java, jar = find_java(), find_jar()
     with ontology_file(triples, "ontology.nt") as path:
         command = [java, f"-Xmx{memory_mb}M", "-cp", f"{jar.parent}:{jar}", _MAIN]
@@ -200,10 +202,12 @@ def run_java(command: list[str], timeout_s: float) -> tuple[int, str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
+        # Its own group, so that killing it takes along what Java started.
         start_new_session=True,
     ) as java:
         try:
             output, _ = java.communicate(timeout=timeout_s)
+        # Also on Ctrl-C: Java would go on computing for hours.
         except BaseException as error:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(java.pid, signal.SIGKILL)
@@ -255,6 +259,7 @@ def hierarchy(report: DLReport) -> frozenset[tuple[str, str]]:
         elif axiom.kind == "EquivalentClasses":
             for name in axiom.terms:
                 above.setdefault(name, set()).update(axiom.terms)
+    # Unsatisfiable classes are below every class, which says nothing about these.
     apart = {_NOTHING, OWL + "Thing", *report.unsatisfiable}
     pairs: set[tuple[str, str]] = set()
     for name in above.keys() - apart:

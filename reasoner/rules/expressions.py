@@ -177,6 +177,7 @@ def evaluate(expression: Expression, terms: Dictionary, env: Bindings) -> Result
     if operator == "IF":
         chosen = is_true(evaluate(arguments[0], terms, env), terms)
         return evaluate(arguments[1 if chosen else 2], terms, env)
+    # From here on every operand has to have a value; the operators above can do without some.
     values = [evaluate(argument, terms, env) for argument in arguments]
     if operator in COMPARISONS:
         return _truth(_related(operator, values[0], values[1], terms))
@@ -234,6 +235,7 @@ def _connected(decisive: bool, tests: tuple[Truth, ...]) -> Truth:
 
 
 def _related(operator: str, left: Result, right: Result, terms: Dictionary) -> bool:
+    # No comparison of its own: what is incomparable must raise in both.
     if operator == "!=":
         return not _related("=", left, right, terms)
     a, b = _value(left, terms), _value(right, terms)
@@ -243,8 +245,10 @@ def _related(operator: str, left: Result, right: Result, terms: Dictionary) -> b
         raise EvaluationError("only literals have an order")
     order = compare(a, b)
     if operator == "=":
+        # NaN: of the same family, with an order, and equal to nothing, itself included.
         if order is None and a.family == b.family and a.order is not None:
             return False
+        # The same term is equal even where its datatype is unknown (SPARQL 1.1 Query, 17.4.1.7).
         return a.key == b.key or order == 0
     if order is None:
         raise EvaluationError(f"cannot order {a.family} and {b.family}")
@@ -264,6 +268,7 @@ def is_true(result: Result, terms: Dictionary) -> bool:
     value = _value(result, terms)
     if value is None or value.order is None or value.family not in ("boolean", "number", "string"):
         raise EvaluationError("no effective boolean value")
+    # NaN is false (SPARQL 1.1 Query, 17.2.2), and the one value that differs from itself.
     return bool(value.order) and value.order == value.order
 
 
@@ -294,6 +299,7 @@ def _number(result: Result, terms: Dictionary) -> Number:
 def _arithmetic(operator: str, numbers: list[Number]) -> Value:
     if any(isinstance(number, float) for number in numbers):
         return _value_of_number(_combine(operator, [float(number) for number in numbers]))
+    # Exact: .1 + .2 is .3 of xsd:decimal, and a rule may compare with it.
     return _value_of_number(_combine(operator, [Fraction(number) for number in numbers]))
 
 
@@ -317,6 +323,8 @@ def _value_of_number(number: Number) -> Value:
 def _decimal(number: Fraction) -> str:
     """Return a decimal numeral; sums and products of decimals are always finite."""
     whole, rest = divmod(abs(number), 1)
+    # By hand, since str() of a Decimal of a huge or tiny number has an exponent, which xsd:decimal
+    # forbids.
     digits = ""
     while rest and len(digits) < 40:
         digit, rest = divmod(rest * 10, 1)

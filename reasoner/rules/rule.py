@@ -35,6 +35,8 @@ class Atom(NamedTuple):
 def keys_of(fact: Fact) -> tuple[int, ...]:
     """Return the keys of all atoms that may match a fact."""
     _, p, o = fact
+    # A type is filed under its class as well: rdf:type alone would wake every rule at every new
+    # member.
     return (~o, p) if p == TYPE else (p,)
 
 
@@ -147,6 +149,7 @@ class InDatatype:
         """Look the datatype up in the literal's mask; resources lie in no datatype."""
         bound = env[~self.variable]
         assert bound is not None
+        # Ids of literals lie above all others, so that this is a comparison of integers.
         if bound < LITERAL:
             return not self.inside
         return terms.in_datatype(bound, self.datatype) is self.inside
@@ -179,6 +182,7 @@ class Absent:
 
     def holds(self, view: View, terms: Dictionary, env: Bindings) -> bool:
         """Return whether the group has no solution."""
+        # Kept where the view does not change meanwhile: many bindings ask the same question.
         answers: dict[tuple[int | None, ...], bool] | None = getattr(view, "absences", None)
         if answers is None:
             return self._is_absent(view, terms, env)
@@ -328,6 +332,8 @@ def arrange(
 
     place_conditions()
     while left:
+        # Greedy: bodies have a handful of atoms, and an order by actual sizes would have to be
+        # found anew for each change.
         best = max(left, key=lambda atom: _selectivity(atom, settled))
         left.remove(best)
         steps.append(best)

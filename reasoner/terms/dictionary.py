@@ -46,6 +46,7 @@ class Dictionary:
 
     def __init__(self, table: TermTable | None = None) -> None:
         fixed = [NamedNode(iri) for iri in IRIS]
+        # Ids on disk stay valid when later versions add terms of their own to the fixed ones.
         fixed += [NamedNode(f"urn:rtask:reserved:{i}") for i in range(len(IRIS), RESERVED)]
         self._table = self._saved = table
         self.has_read_label = False
@@ -56,6 +57,7 @@ class Dictionary:
         self._by_value: dict[tuple[object, ...], int] = {}
         self._variants: dict[int, tuple[int, ...]] = {}
         if table is not None:
+            # Decoded on demand: a graph of a million terms opens without making a single one.
             self._resources += [None] * (len(table.resources) - len(fixed))
             self._literals = [None] * len(table.literals)
             self._values = [None] * len(table.literals)
@@ -150,6 +152,8 @@ class Dictionary:
         if first is None:
             self._by_value[value.key] = number
         else:
+            # 01 and 1 are two terms and one value: each knows all spellings, the first seen in
+            # front.
             variants = (*self._variants.get(first, (first,)), number)
             for each in variants:
                 self._variants[each] = variants
@@ -259,12 +263,14 @@ class Dictionary:
             if term is not None:
                 self._ids.pop(term, None)
         for value in self._values[literals:]:
+            # An older literal of the same value keeps its place.
             if value is not None and self._by_value.get(value.key, 0) >= counts[1]:
                 del self._by_value[value.key]
         for number in range(counts[1], LITERAL + len(self._literals)):
             group = self._variants.pop(number, ())
             earlier = tuple(other for other in group if other < counts[1])
             for other in earlier:
+                # A group of one is none.
                 if len(earlier) > 1:
                     self._variants[other] = earlier
                 else:

@@ -96,6 +96,7 @@ class _Block:
         self._outputs: dict[str, Token] = {}
         self._within: float | None = None
         self._at: float | None = None
+        # A final point is allowed behind the last pattern of a group (SPARQL 1.1 Query, 5.1).
         while tokens and tokens[-1].is_mark("."):
             tokens = tokens[:-1]
         if not tokens or tokens[0].kind not in _SIDES:
@@ -119,6 +120,7 @@ class _Block:
         columns = [(token, name) for token, name in columns if token.kind == "variable"]
         columns += [(token, name) for name, token in self._outputs.items()]
         if not columns:
+            # Nothing is asked for but whether it holds: a pattern that matches once, or never.
             return "{}" if rows else "FILTER(false)"
         heads = " ".join(token.text for token, _ in columns)
         lines = " ".join(f"({' '.join(_cell(row, n) for _, n in columns)})" for row in rows)
@@ -130,6 +132,7 @@ class _Block:
         if len(tokens) < 2:
             raise self._refusal(tokens, f"rtf:{name} has no value")
         value, rest = tokens[1], tokens[2:]
+        # The datatype of a time is stepped over: its text alone says which one it is.
         if value.kind == "string" and len(rest) > 1 and rest[0].is_mark("^^"):
             rest = rest[2:]
         if rest and not rest[0].is_mark(";"):
@@ -159,6 +162,8 @@ class _Block:
             raise self._refusal(tokens, "rtf:poseIn needs the IRI of a frame, robot or thing")
         named = [*self._sides, *self._outputs.values()]
         variables = [token.text for token in named if token.kind == "variable"]
+        # VALUES names each column once; as a join it would need both to be equal, which is not what
+        # was meant.
         if len(set(variables)) < len(variables):
             raise self._refusal(tokens, "a variable stands for two different values")
 
@@ -176,6 +181,7 @@ class _Block:
             moment = datetime.fromisoformat(string_value(token))
         except ValueError as error:
             raise self._refusal([token], f"rtf:at: {error}") from error
+        # Times without a zone are UTC here, as everywhere in the graph.
         return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
     def _refusal(self, tokens: list[Token], message: str) -> Exception:

@@ -113,6 +113,7 @@ def is_quick(text: str) -> bool:
     >>> is_quick("SELECT (COUNT(*) AS ?n) { ?mug <urn:on>+ ?o }")
     False
     """
+    # Cached by shape: robots ask the same query with other constants.
     return len(text) <= _MAX_LENGTH and _is_quick(shape(text))
 
 
@@ -120,6 +121,7 @@ def is_quick(text: str) -> bool:
 def _is_quick(text: str) -> bool:
     try:
         tokens = tokenise(text)
+        # The prologue costs nothing, and the last token marks the end.
         tokens = tokens[body_start(tokens) : -1]
     except (RtaskError, IndexError):
         return False
@@ -129,6 +131,8 @@ def _is_quick(text: str) -> bool:
     block = _Block(tokens, start)
     if not block.is_understood:
         return False
+    # What is not known to be cheap counts as slow: a slow query among the quick ones holds up all
+    # others.
     around = [*tokens[:start], *tokens[block.end :]]
     if any(token.kind == "word" and token.text.upper() not in _AROUND for token in around):
         return False
@@ -138,6 +142,8 @@ def _is_quick(text: str) -> bool:
     return (
         0 < sum(pattern.verb.steps for pattern in patterns) <= MAX_PATTERNS
         and all(pattern.is_anchored for pattern in patterns if pattern.verb.is_wide)
+        # Both: an OPTIONAL anchors nothing for the patterns that must match, but may itself be
+        # unanchored.
         and _are_anchored(block.required)
         and _are_anchored(patterns)
     )
@@ -264,6 +270,8 @@ class _Block:
                 steps += 1
                 is_common = is_common or token.text in ("a", _RDF_TYPE)
                 is_common = is_common or token.text.endswith(":type")
+                # Marks behind a step belong to it or to the group that it ends: (^p/q)* is wide as
+                # well.
                 while (after := self._peek()) in _REPEATS or (after == ")" and depth):
                     self.end += 1
                     is_wide = is_wide or after in _REPEATS
@@ -284,6 +292,7 @@ class _Block:
 
     def _ends_pattern(self) -> bool:
         """Whether a pattern may end here; the subject may remain after a trailing ``;``."""
+        # One: the subject that is left behind a trailing semicolon.
         is_whole = len(self._given) in (0, 1, 3)
         self._given = []
         return is_whole

@@ -36,6 +36,7 @@ def refusal(
     wording: Wording,
 ) -> Refusal:
     """Return why a goal is out of reach: the cheapest remedy, and what each robot alone lacks."""
+    # No addition helps: perhaps something has to end, such as that a hand is out of order.
     if not obstacle.missing:
         mendable = {**mendable, **_absences(problem)}
         [obstacle] = explain_unsolvable(replace(problem, goals=(obstacle.goal,)), mendable)
@@ -43,6 +44,7 @@ def refusal(
     alone: dict[str, str] = {}
     for robot, _ in robots[_MAX_ROBOTS:]:
         alone[robot] = f"not looked at: only the first {_MAX_ROBOTS} robots are"
+    # Each is a search of its own, with the others out of the problem.
     for robot, kind in robots[:_MAX_ROBOTS]:
         objects = {**problem.objects, kind: (robot,)}
         restricted = replace(problem, objects=objects, goals=(obstacle.goal,))
@@ -100,6 +102,8 @@ def _remedy(select: Select, obstacle: Obstacle, wording: Wording) -> str:
     data = " . ".join(
         " ".join(str(NamedNode(part)) for part in statement)
         for atom in obstacle.missing
+        # That a robot can grasp something follows from sizes and masses; stated, it would only hide
+        # what is missing.
         if (statement := statement_of(atom)) is not None and statement[1] != RT.canGrasp.value
     )
     how = f"; if so, state it: rtask update 'INSERT DATA {{ {data} }}'" if data else ""
@@ -163,6 +167,7 @@ def _why_no_grasp(select: Select, robot: str, exemplar: str, wording: Wording) -
         for value in (row.value(name) for name in ("widest", "strongest", "width", "mass"))
     )
     name, owner = wording.name(exemplar), wording.name(robot)
+    # Sizes before masses: a weight is no reason for what no hand goes around.
     if width is None:
         return f"the width of {name} is not known"
     if widest is not None and width >= widest:

@@ -115,21 +115,7 @@ class Tracker:
         for track in expected:
             track.visible = False
         expected = [track for track in expected if not track.gone]
-        matched: list[TrackedObject | None] = [None] * len(objects)
-        if expected and objects:
-            cost = np.array(
-                [[self._distance(track, seen, handled) for seen in objects] for track in expected]
-            )
-            for row, column in zip(*linear_sum_assignment(cost), strict=True):
-                if cost[row, column] < 1.0:
-                    matched[column] = expected[row]
-        strangers = [column for column, match in enumerate(matched) if match is None]
-        astray = handled in expected and handled not in matched and not handled.finished
-        if astray and handled is not None:
-            alike = [c for c in strangers if _alike(handled.seen, objects[c])]
-            candidates = strangers if len(strangers) == 1 and not handled.released else alike
-            if len(candidates) == 1:
-                matched[candidates[0]] = handled
+        matched = self._match(expected, objects, handled)
         for seen, match in zip(objects, matched, strict=True):
             if match is None:
                 self.tracks.append(TrackedObject(next(self._numbers), seen))
@@ -141,6 +127,31 @@ class Tracker:
         if side is not None:
             self.note(objects, side)
         return [track for track in self.tracks if track.visible]
+
+    def _match(
+        self,
+        expected: Sequence[TrackedObject],
+        objects: Sequence[Seen],
+        handled: TrackedObject | None,
+    ) -> list[TrackedObject | None]:
+        """Return the known thing that each object of a view is; None for what is new."""
+        matched: list[TrackedObject | None] = [None] * len(objects)
+        if expected and objects:
+            cost = np.array(
+                [[self._distance(track, seen, handled) for seen in objects] for track in expected]
+            )
+            for row, column in zip(*linear_sum_assignment(cost), strict=True):
+                # Assignment pairs whatever is left over as well: 1 is as far as one thing moves.
+                if cost[row, column] < 1.0:
+                    matched[column] = expected[row]
+        is_astray = handled in expected and handled not in matched
+        if handled is not None and is_astray and not handled.finished:
+            strangers = [column for column, match in enumerate(matched) if match is None]
+            alike = [c for c in strangers if _alike(handled.seen, objects[c])]
+            candidates = strangers if len(strangers) == 1 and not handled.released else alike
+            if len(candidates) == 1:
+                matched[candidates[0]] = handled
+        return matched
 
     def _forget_glimpses(self, taken: Seen) -> None:
         """Forget where a thing stood that is in a box now, also as the other side showed it."""

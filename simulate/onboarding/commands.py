@@ -26,7 +26,8 @@ from simulate import options
 from simulate.drivers.commands import reach
 
 if TYPE_CHECKING:
-    from simulate.onboarding.guess import NoHandError
+    from simulate.onboarding.check import Finding
+    from simulate.onboarding.guess import GuessedRobot, NoHandError
 
 __all__ = ["robot"]
 
@@ -119,18 +120,11 @@ def add(
     """
     from simulate.onboarding.check import check_closing
     from simulate.onboarding.guess import NoHandError, guess_robot
-    from simulate.robots import ROBOTS
-    from simulate.robots.robot_files import robots_folder, save_robot, set_aside
+    from simulate.robots.robot_files import save_robot, set_aside
     from simulate.world.quiet import banner_on_stderr
 
     name = name or urdf.stem
-    if not _NAME.fullmatch(name):
-        raise UsageError(f"--name: {name!r}: expected letters, digits, - and _, a letter first")
-    if name in ROBOTS:
-        raise UsageError(f"--name: {name!r} is a built-in robot; choose another name")
-    path = robots_folder() / f"{name}.toml"
-    if path.exists() and not replace:
-        raise UsageError(f"{path} exists; --replace replaces it, --name NAME keeps both")
+    path = _settings_path(name, replace)
     if jaws is not None and gripper is not None:
         raise UsageError("--jaws names the robot's own links: it does not go with --gripper")
     guess = partial(
@@ -148,6 +142,39 @@ def add(
     if is_replaced:
         set_aside(path)
     save_robot(made.settings, made.guessed, path)
+    if as_json:
+        print_json(_as_json(name, path, made, closing))
+    else:
+        _print_added(name, path, made, closing)
+        announce_undo("robot", "restore" if is_replaced else "remove", name)
+    if not all(finding.passed for finding in closing):
+        if not as_json:
+            click.echo(
+                "the hand does not hold a box: name other links with --jaws, or edit fingers, "
+                "finger_closed and finger_open in the settings",
+                err=True,
+            )
+        raise click.exceptions.Exit(1)
+
+
+def _settings_path(name: str, replace: bool) -> Path:
+    """Return where the settings of a new robot go, or refuse the name."""
+    from simulate.robots import ROBOTS
+    from simulate.robots.robot_files import robots_folder
+
+    if not _NAME.fullmatch(name):
+        raise UsageError(f"--name: {name!r}: expected letters, digits, - and _, a letter first")
+    if name in ROBOTS:
+        raise UsageError(f"--name: {name!r} is a built-in robot; choose another name")
+    path = robots_folder() / f"{name}.toml"
+    if path.exists() and not replace:
+        raise UsageError(f"{path} exists; --replace replaces it, --name NAME keeps both")
+    return path
+
+
+def _as_json(
+    name: str, path: Path, made: GuessedRobot, closing: Sequence[Finding]
+) -> dict[str, Any]:
     arms = [
         {
             "name": arm.name,
@@ -158,7 +185,7 @@ def add(
         }
         for arm in made.robot.arms.values()
     ]
-    answer = {
+    return {
         "name": name,
         "settings": str(path),
         "arms": arms,
@@ -168,12 +195,9 @@ def add(
         "cannot": list(made.limits),
         "warnings": list(made.warnings),
     }
-    closes = all(finding.passed for finding in closing)
-    if as_json:
-        print_json(answer)
-        if not closes:
-            raise click.exceptions.Exit(1)
-        return
+
+
+def _print_added(name: str, path: Path, made: GuessedRobot, closing: Sequence[Finding]) -> None:
     for warning in made.warnings:
         click.echo(f"warning: {warning}", err=True)
     for arm in made.robot.arms.values():
@@ -187,14 +211,6 @@ def add(
         click.echo(f"cannot: {limit}")
     click.echo(f"reaches {made.share:.0%} of its table; settings: {path}")
     click.echo(f"next: rtask robot check {name}")
-    announce_undo("robot", "restore" if is_replaced else "remove", name)
-    if not closes:
-        click.echo(
-            "the hand does not hold a box: name other links with --jaws, or edit fingers, "
-            "finger_closed and finger_open in the settings",
-            err=True,
-        )
-        raise click.exceptions.Exit(1)
 
 
 def _can_ask() -> bool:

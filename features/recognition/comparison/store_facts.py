@@ -231,6 +231,7 @@ class StoreFacts:
         )
         voted = self._proposed(moment, view, record.votes, _MAX_VOTED)
         alike = np.where(snapshot.alive, snapshot.appearance(snapshot.look(view)), -1)
+        # Its own object's views are compared anyway and would fill the few places.
         alike[snapshot.object_of_view == snapshot.object_of_view[view]] = -1
         others += _few_of_each(voted, snapshot, 2, _MAX_MORE)
         others += _few_of_each(_first_by(alike, snapshot, _MAX_VOTED, 0), snapshot, 1, _MAX_ALIKE)
@@ -317,6 +318,7 @@ class StoreFacts:
         if self._file is None:
             return
         with self._writing:
+            # Before the changes are read: what is added from here on belongs to a later moment.
             records, self._unwritten = self._unwritten, {}
             moment = self._changes.latest()
             if moment is None or not records:
@@ -375,6 +377,7 @@ class StoreFacts:
             return None
         added, gone = changes
         objects = moment.snapshot.object_of_view
+        # Of a view that went it is no longer known whose it was.
         is_touched = len(gone) > 0 or (objects[moment.stored(added)] == objects[view]).any()
         return None if is_touched else record.own
 
@@ -408,6 +411,7 @@ class StoreFacts:
         """Return what follows from a view's comparisons; kept until there are others."""
         key = sign * int(self._changes.at(snapshot).numbers[view])
         held = self._facts.get(key)
+        # By identity: records are replaced, never changed.
         if held is None or held[0] is not record.pairs:
             held = self._facts.put(key, (record.pairs, self._followed(snapshot, view, record)))
         return held[1]
@@ -467,6 +471,7 @@ def _first_by(
     """Return the views of most worth; equal ones in the order of their IRIs, not of arrival."""
     chosen = np.flatnonzero(worth >= least)
     if len(chosen) > count:
+        # All that tie with the last one stay until they are sorted by IRI.
         limit = np.partition(worth[chosen], len(chosen) - count)[len(chosen) - count]
         chosen = chosen[worth[chosen] >= limit]
     ranked = sorted(chosen.tolist(), key=lambda k: (-worth[k], snapshot.view_iris[k]))

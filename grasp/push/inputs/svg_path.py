@@ -55,6 +55,7 @@ def _given(value: float, otherwise: float = 0.0) -> float:
 def _rectangle(number: Callable[[str], float]) -> list[Piece]:
     x, y, w, h = (_given(number(k)) for k in ("x", "y", "width", "height"))
     rx, ry = number("rx"), number("ry")
+    # One radius stands for both where the other is missing (SVG 2, 7.4).
     rx, ry = _given(rx, _given(ry)), _given(ry, _given(rx))
     rx, ry = min(rx, w / 2), min(ry, h / 2)
     at = complex(x, y)
@@ -62,6 +63,7 @@ def _rectangle(number: Callable[[str], float]) -> list[Piece]:
         corners = [at, at + w, at + complex(w, h), at + 1j * h]
         return [line(a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
     pieces: list[Piece] = []
+    # Clockwise from the top right corner, as y points down.
     centres = [complex(w - rx, ry), complex(w - rx, h - ry), complex(rx, h - ry), complex(rx, ry)]
     end = at + complex(rx, 0)
     for k, centre in enumerate(centres):
@@ -89,10 +91,12 @@ def path_pieces(d: str) -> list[list[Piece]]:
         command, relative = letter.upper(), letter.islower()
         for k, group in enumerate(_groups(letter, rest)):
             origin = at if relative else 0j
+            # What comes behind it without a move starts where the closed path did (SVG 2, 9.3.4).
             if command == "Z":
                 subpaths[-1].append(line(at, start))
                 subpaths.append([])
                 at = start
+            # Further pairs behind a move are lines (SVG 2, 9.3.3).
             elif command == "M" and k == 0:
                 at = start = origin + complex(*group)
                 subpaths.append([])
@@ -103,6 +107,8 @@ def path_pieces(d: str) -> list[list[Piece]]:
             elif command in "CSQT":
                 pairs = [origin + complex(*group[i : i + 2]) for i in range(0, len(group), 2)]
                 if command in "ST":
+                    # Only after a curve of the same degree is the handle mirrored, else the point
+                    # itself is it (SVG 2, 9.3.6).
                     smooth = last in ("CS" if command == "S" else "QT")
                     pairs.insert(0, 2 * at - handle if smooth else at)
                 subpaths[-1].append(bezier([at, *pairs]))
@@ -154,8 +160,10 @@ def _arc(start: complex, end: complex, group: list[float]) -> Piece:
     turn = complex(math.cos(angle), math.sin(angle))
     half = (start - end) / 2 / turn
     x, y = half.real / rx, half.imag / ry
+    # Radii that do not reach from end to end are enlarged until they do (SVG 2, 9.5.1).
     grow = math.sqrt(max(1.0, x * x + y * y))
     rx, ry, x, y = rx * grow, ry * grow, x / grow, y / grow
+    # Rounding makes it negative where the radii just reach.
     size = math.sqrt(max(0.0, 1.0 / (x * x + y * y) - 1.0))
     if bool(group[3]) == bool(group[4]):
         size = -size

@@ -28,6 +28,8 @@ class ByConstants(Look):
         """Yield the patterns of a context that its constants contradict."""
         own = {id(edge) for edge in context.own}
         for edge in context.edges:
+            # By identity: the same pattern twice in one query is two places to point at; each is
+            # blamed once.
             if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
                 continue
             words = self._words(edge, context, is_own=id(edge) in own)
@@ -71,11 +73,13 @@ class ByConstants(Look):
         if given and demand.is_thing is False and all(term.kind == "iri" for term in given):
             what = demanded(self._vocabulary, demand)
             return f"?{node.value} is {local(given[0].value)}, but {what}"
+        # What was only observed of the data is no demand: a new kind of thing may come any time.
         if demand.bits is None or demand.is_observed:
             return ""
         things = [node] if node.kind == "iri" else [term for term in given if term.kind == "iri"]
         if not things or any(self._suits(term, demand.bits) for term in things):
             return ""
+        # What the graph holds cannot be wrong in a query, whatever the ontology says.
         if any(self._evidence.matches(_with(demand, thing)) for thing in things):
             return ""
         what = self._what_is(things[0])
@@ -85,6 +89,7 @@ class ByConstants(Look):
         """Return whether a thing is, or could become, a member of one of some classes."""
         kinds = self._evidence.kinds_of(thing.value, self._vocabulary)
         if not kinds:
+            # Of an unknown thing nothing can be said; a class where a member is due is wrong.
             return thing.value not in self._vocabulary.bit
         specific = self._vocabulary.most_specific(kinds)
         return all(self._vocabulary.below[kind] & bits for kind in specific)
@@ -110,6 +115,7 @@ def _may_be(demand: Demand, kind: str) -> bool:
         return False
     needed = _READ_AS.get(kind)
     families = {family(datatype) for datatype in demand.datatypes}
+    # A datatype that is not known may be anything: no blame without knowledge.
     if needed is None or not families or "" in families:
         return True
     named = {"moment" if name.startswith(("date", "time")) else name for name in families}

@@ -52,6 +52,8 @@ def local(iri: str) -> str:
 def _meet(axioms: list[int]) -> int | None:
     bits: int | None = None
     for axiom in axioms:
+        # Several domains of one property hold together (RDF Schema 1.1, 3.2): their intersection,
+        # not their union.
         bits = axiom if bits is None else bits & axiom
     return bits or None
 
@@ -142,6 +144,8 @@ class Vocabulary:
         for iri, root in metamodel.KINDS.items():
             self._class(NamedNode(iri))
             self.above[iri].update({root} - {""})
+        # What follows reads ranges as sets of all subclasses, so the hierarchy has to be whole by
+        # then.
         self._close()
         for a, b in self._quads(_OWL + "disjointWith"):
             if isinstance(a, NamedNode) and isinstance(b, NamedNode):
@@ -171,6 +175,8 @@ class Vocabulary:
 
     def _class(self, term: Term) -> None:
         if isinstance(term, NamedNode) and term.value not in self.bit:
+            # One bit a class: sets of some hundred classes are integers, quick to intersect and to
+            # use as keys.
             self.bit[term.value] = 1 << len(self.bit)
             self.above[term.value].add(term.value)
 
@@ -183,6 +189,7 @@ class Vocabulary:
                 if name not in seen:
                     seen.add(name)
                     todo += self.above.get(name, ())
+            # Everything is a Thing: kept, it would be a superclass in common of any two classes.
             self.above[start] = seen - (TOP - {start})
         self.below = dict.fromkeys(self.bit, 0)
         for part, wholes in self.above.items():
@@ -194,6 +201,7 @@ class Vocabulary:
     def _list(self, head: Term) -> list[str]:
         values: list[str] = []
         seen: set[Term] = set()
+        # A robot can state a list that contains itself.
         while isinstance(head, BlankNode | NamedNode) and head not in seen:
             seen.add(head)
             rows = self._kb.match(head, NamedNode(_RDF + "first"))
@@ -225,6 +233,7 @@ class Vocabulary:
         """Add what is demanded of the ends of a property, where the graph says nothing of it."""
         made = self._property(iri)
         for at, end in enumerate(ends):
+            # What the graph states wins: these are what the standards say of their own terms.
             if end in self.below and not (made.ranges if at else made.domains):
                 self._constrain(made, at, [NamedNode(end)])
 
@@ -239,10 +248,12 @@ class Vocabulary:
             )
             if at == 1 and names and all(_is_datatype(name) for name in names):
                 made.datatypes.update(names)
+                # What the graph declares of a property goes before what its range suggests.
                 if made.relates_things is None:
                     made.relates_things = False
                 continue
             listed = [name for name in names if name in self.below and name not in TOP]
+            # A union with a part that is not a class here demands nothing that could be checked.
             if listed and len(listed) == len(names):
                 bits = 0
                 for name in listed:

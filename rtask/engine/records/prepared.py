@@ -150,12 +150,9 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     if item.outcome is not None:
         report = confirmed(item.outcome, access, f"{where}outcome.")
         item = item.model_copy(update={"outcome": report})
-    before = stored_before(context, item.task_id, access, gripper)
-    if before is not None:
-        if item.outcome is not None:
-            reported = Outcome.of(item.outcome, context.reasons, f"{where}.outcome")
-            before.refuse_contradiction(item.task_id or "", reported.held)
-        return Repeated(item.task_id or "", before, gripper)
+    repeated = _repeated(context, item, gripper, where, access)
+    if repeated is not None:
+        return repeated
     seen = observe_once(context, item, where)
     kinds = classes_named(context, item.class_description)
     recogniser = context.views.recogniser  # which reads the index, a generation of its own, if new
@@ -173,10 +170,6 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
         same = _view_with(context, iri(existing.iri), seen.data)
         if same:
             return Repeated(item.task_id or "", Earlier(existing.iri, view=same), gripper)
-    resembles = None
-    if existing is None and item.merge and recognition.ask_again:
-        first = recognition.matches[0]
-        resembles = memory.objects[first.object_iri], float(first.confidence)
     placement, pose = locate(context.models, seen, recognition, existing, memory)
     decision = context.decisions.get(item.task_id)
     grasp = _grasp(item, where)
@@ -189,8 +182,9 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
             "register it with register_robot", field=where + "gripper_id",
         )  # fmt: skip
     view = context.names.unique("view")
-    is_alike = existing is None or is_plausible(existing, seen, context.policy)
     is_round = placement is not None and placement.is_round
+    # What a robot names may be another thing than it says: such a view must not bend the model.
+    is_alike = existing is None or is_plausible(existing, seen, context.policy)
     growth = grow(
         context.models, None if existing is None else iri(existing.iri), seen,
         _viewpoint(seen, existing, placement, pose) if is_alike else None, view, is_round,
@@ -205,8 +199,32 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     )  # fmt: skip
     return Prepared(
         item, where, seen, existing, placement, gripper, grasp, outcome, view, growth, generation,
-        vector, place, resembles, None if context.words is None else context.words.read(seen),
+        vector, place, _resembled(item, existing, recognition, memory),
+        None if context.words is None else context.words.read(seen),
     )  # fmt: skip
+
+
+def _repeated(
+    context: Context, item: NewObject, gripper: StoredGripper | None, where: str, access: Access
+) -> Repeated | None:
+    """Return what an earlier request with the entry's id stored; refuse another outcome."""
+    before = stored_before(context, item.task_id, access, gripper)
+    if before is None:
+        return None
+    if item.outcome is not None:
+        reported = Outcome.of(item.outcome, context.reasons, f"{where}.outcome")
+        before.refuse_contradiction(item.task_id or "", reported.held)
+    return Repeated(item.task_id or "", before, gripper)
+
+
+def _resembled(
+    item: NewObject, existing: RememberedObject | None, recognition: Recognition, memory: Memory
+) -> tuple[RememberedObject, float] | None:
+    """Return the stored object that a new one may be, and how likely, for a person to decide."""
+    if existing is not None or not item.merge or not recognition.ask_again:
+        return None
+    first = recognition.matches[0]
+    return memory.objects[first.object_iri], float(first.confidence)
 
 
 def _existing(

@@ -49,6 +49,8 @@ def inconsistent(
     message = contradictions[0].message
     more = f" (and {len(contradictions) - 1} more)" if len(contradictions) > 1 else ""
     hint = ""
+    # The commonest trap: Turtle reads 0.31 as a decimal, and the value spaces of decimals and
+    # doubles are disjoint (XML Schema 2, 3.2).
     if "XMLSchema#decimal" in message:
         hint = "; a number with a point is an xsd:decimal, write 0.31e0 for an xsd:double"
     because = _because(causes, name)
@@ -74,6 +76,7 @@ def _charged(
     charged: set[str] = set()
     for axiom in (*forbidding, *filter(_is_axiom, behind)):
         owners = [owner_of(graph) for graph in graphs_of(axiom)]
+        # An axiom that the ontology states as well would clash without anybody's help.
         if None not in owners:
             charged.update(owner for owner in owners if owner)
     return sorted(charged)
@@ -85,6 +88,7 @@ def _is_axiom(triple: TripleKey) -> bool:
 
 def _because(causes: Sequence[Any], name: Name) -> str:
     """Return the causes in words; nothing where the cause is only what clashes."""
+    # A cause of a single statement repeats the contradiction itself.
     with_reasons = [cause for cause in causes if len(cause.statements) + len(cause.known) > 1]
     if not with_reasons:
         return ""

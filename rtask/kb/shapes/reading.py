@@ -379,16 +379,21 @@ def _inverse(about: dict[Term, dict[TripleKey, str]]) -> Iterator[NamedNode]:
     for lines in about.values():
         for _, predicate, value in lines:
             if predicate.value == SH + "inversePath":
-                waiting, seen = [value], {value}
-                while waiting:
-                    node = waiting.pop()
-                    if isinstance(node, NamedNode):
-                        yield node
-                        continue
-                    for line in about.get(node, {}):
-                        if line[2] not in seen:
-                            seen.add(line[2])
-                            waiting.append(line[2])
+                yield from _names_below(about, value)
+
+
+def _names_below(about: dict[Term, dict[TripleKey, str]], root: Term) -> Iterator[NamedNode]:
+    """Yield the IRIs in which a path ends; a list that contains itself ends the walk, too."""
+    waiting, seen = [root], {root}
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, NamedNode):
+            yield node
+            continue
+        for _, _, value in about.get(node, {}):
+            if value not in seen:
+                seen.add(value)
+                waiting.append(value)
 
 
 def without_targets(lines: Iterable[TripleKey]) -> list[TripleKey]:

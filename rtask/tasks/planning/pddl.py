@@ -39,6 +39,7 @@ class PddlProblem:
             raise ValueError(f"the plan is longer than {_MAX_PLAN_CHARS} characters")
         facts, steps = set(self._source.facts), []
         for number, line in enumerate(text.splitlines(), 1):
+            # PDDL takes no notice of case, and planners write what they like.
             words = line.partition(";")[0].strip().lower()
             if not words:
                 continue
@@ -48,6 +49,7 @@ class PddlProblem:
             lacking = [atom for atom in step.preconditions if atom not in facts]
             if lacking:
                 raise ValueError(f"line {number}: {step} needs {_words(lacking[0])}")
+            # Deletes first: what a step both deletes and adds holds after it (PDDL 2.1).
             facts = facts.difference(step.deletes).union(step.adds)
             steps.append(step)
         for goal in self._source.goals:
@@ -83,6 +85,7 @@ class _Names:
 
     def of(self, kind: str, name: str) -> str:
         if (kind, name) not in self._names:
+            # The end of an IRI tells more than its beginning, which all share.
             word = re.sub(r"[^a-z0-9_]+", "-", name.lower()).strip("-")[-60:].strip("-")
             base = unique = word if word[:1].isalpha() else f"{kind[0]}-{word}"
             number = 1
@@ -120,6 +123,7 @@ def _predicates(problem: Problem, names: _Names) -> list[str]:
     for action in problem.actions:
         for atom in (*action.preconditions, *action.adds, *action.deletes):
             sizes[atom[0]] = len(atom) - 1
+    # Predicates that no action mentions have to be declared as well.
     for atom in (*sorted(problem.facts), *(atom for goal in problem.goals for atom in goal)):
         sizes.setdefault(atom[0], len(atom) - 1)
     return [
@@ -156,6 +160,7 @@ def _problem(problem: Problem, names: _Names, steps: dict[str, Step]) -> str:
     facts = _lines(names.atom(fact) for fact in sorted(problem.facts))
     costs = _lines(
         f"(= ({key.replace(' ', '-cost ', 1) if ' ' in key else f'{key}-cost'}) "
+        # Milliseconds: Fast Downward takes whole numbers only.
         f"{round(1000 * step.cost_s(problem.failure_cost_s))})"
         for key, step in steps.items()
     )

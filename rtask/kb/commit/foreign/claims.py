@@ -120,11 +120,13 @@ class Keys:
         """
         owner = Minters(graphs.base)
         concerned = (quad for quad in quads if quad.predicate in self._of_property)
+        # In batches: a store elsewhere answers one request for many values.
         while some := list(islice(concerned, MAX_CLAIMS)):
             held = store.with_values([(q.predicate, q.object) for q in some], MAX_SHARERS)
             for number, other in held:
                 quad = some[number]
                 mine, theirs = _owner(quad.subject, owner), _owner(other.subject, owner)
+                # What was inferred is nobody's claim.
                 if theirs != mine and graphs.is_input(other.graph_name):
                     pair = (quad.subject, other.subject)
                     keys = self._of_property[quad.predicate]
@@ -137,6 +139,7 @@ def contested_keys(store: GraphStore, graphs: Graphs, limit: int = 1_000) -> lis
     keys = Keys.read(store)
     claims: dict[frozenset[Subject], ContestedKey] = {}
     for properties, _ in keys.of:
+        # The first property is enough to find the pairs; the others are compared then.
         stated = store.quads_for_pattern(None, properties[0], None, None)
         own = (quad for quad in stated if graphs.is_input(quad.graph_name))
         for claim in keys.contested(own, store, graphs):
@@ -163,6 +166,7 @@ def _have_same(
 
     if kind is not None and not all(holds(thing, RDF_TYPE, kind) for thing in pair):
         return False
+    # Said to be one already: nothing to decide. Either direction, since reasoning may be off.
     if holds(first, _SAME_AS, second) or holds(second, _SAME_AS, first):
         return False
     return all(

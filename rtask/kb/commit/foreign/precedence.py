@@ -96,6 +96,7 @@ class NamePrecedence:
         self._rounds += 1
         if self._rounds > _ROUNDS:
             return False
+        # Asked again after each round: what is withdrawn may uncover another proof.
         before = len(self.moved)
         for support in supports:
             reason = self._own_statement(support, change)
@@ -108,6 +109,8 @@ class NamePrecedence:
             for quad in quads:
                 self._set_aside(change, quad, words)
             if self._rounds > _PRECISE:
+                # Only of those whose statements stood in the way: others may have spoken of the
+                # same names with good reason.
                 authors = {quad.graph_name for quad in quads}
                 terms = {term for quad in quads for term in (quad.subject, quad.object)}
                 for quad in list(self._about(terms)):
@@ -141,6 +144,7 @@ class NamePrecedence:
 
         Those of the author's names, and those that begin with its name, are its to give.
         """
+        # A copy: what is set aside adds its record to the same change.
         for quad in list(change.added):
             if quad.predicate != _OBJECT_ID or not self._is_own(quad.subject):
                 continue
@@ -179,6 +183,7 @@ class NamePrecedence:
 
     def refused(self, error: InconsistentError, clashes: Iterable[Any]) -> Exception:
         """Return the refusal of what contradicts an owner's statement, or the error as it is."""
+        # Whoever may change the ontology is told of the clash itself.
         if self._access.may_state_axioms:
             return error
         for clash in clashes:
@@ -226,6 +231,7 @@ class NamePrecedence:
         if support.unproven and change is not None:
             terms = set(support.unproven)
             new += [triple_key(q) for q in change.added if q.subject in terms or q.object in terms]
+        # A statement that reaches into others' names has no precedence: it is theirs to contradict.
         if any(self._is_of_others(term) for triple in new for term in (triple[0], triple[2])):
             return None
         own = (t for t in new if self._is_own(t[0]) or self._is_own(t[2]))
@@ -237,6 +243,7 @@ class NamePrecedence:
 
     def _is_own(self, term: Term) -> bool:
         name = minted_by(term, self._graphs)
+        # Names without an owner, such as those of imported data, have nobody who goes first.
         return name is not None and (self._access.may_state_axioms or name == self._access.agent)
 
     def _is_of_others(self, term: Term) -> bool:
