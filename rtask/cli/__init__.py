@@ -265,11 +265,11 @@ def _printable(text: str) -> str:
 
 
 def _advice(error: RtaskError) -> str:
-    """Return where a knowledge base is, if the folder that was named holds none; else nothing."""
+    """Return where a knowledge base is, or how to make one, if the folder named holds none."""
     if not (isinstance(error, StoreFormatError) and error.details.get("absent")):
         return ""
     here = Path.cwd()
     bases = sorted({*here.glob("*/kb.json"), *here.glob("*/*/kb.json")})
     if not bases:
-        return ""
+        return "; `rtask load` makes one"
     return f"; there is one here: --data {bases[0].parent.relative_to(here)}"

@@ -10,7 +10,7 @@ import difflib
 from rtask.sparql.lexer import body_start
 from rtask.sparql.tokens import Token
 
-__all__ = ["bare_slash", "misplaced", "misspelling"]
+__all__ = ["bare_slash", "misplaced", "misspelling", "unbalanced"]
 
 _QUERY_FORMS = ("SELECT", "CONSTRUCT", "DESCRIBE", "ASK")
 _UPDATE_FORMS = (
@@ -29,6 +29,7 @@ _OTHERS = (
 )
 _KEYWORDS = frozenset((*_QUERY_FORMS, *_UPDATE_FORMS, *_OTHERS.split()))
 _NAMES_OF_FORMS = "SELECT, CONSTRUCT, DESCRIBE or ASK"
+_CLOSING = {"{": "}", "(": ")", "[": "]"}
 
 
 def misspelling(tokens: list[Token], is_query: bool) -> tuple[str, Token] | None:
@@ -81,6 +82,32 @@ def misplaced(token: Token, expected: str) -> str:
     if token.kind == "word" and token.text.upper() not in _KEYWORDS and near:
         return f"{token.text!r} is no keyword{near}"
     return f"expected {expected}, got {repr(token.text) if token.text else 'the end'}"
+
+
+def unbalanced(tokens: list[Token]) -> tuple[str, Token] | None:
+    """Return which bracket of a text has no partner, and its token.
+
+    Where the text ends too early, the store's parser lists all that might come next.
+
+    Examples
+    --------
+    >>> from rtask.sparql.lexer import tokenise
+    >>> unbalanced(tokenise("SELECT * { ?s ?p ?o FILTER(?o > 2 }"))[0]
+    "this '(' is never closed"
+    >>> unbalanced(tokenise("ASK { ?s ?p ?o } }"))[0]
+    "this '}' closes nothing"
+    """
+    opened: list[Token] = []
+    for token in tokens:
+        if token.kind == "mark" and token.text in _CLOSING:
+            opened.append(token)
+        elif token.kind == "mark" and token.text in _CLOSING.values():
+            if not opened:
+                return f"this {token.text!r} closes nothing", token
+            if _CLOSING[opened[-1].text] != token.text:
+                break
+            opened.pop()
+    return (f"this {opened[-1].text!r} is never closed", opened[-1]) if opened else None
 
 
 def bare_slash(tokens: list[Token]) -> tuple[str, Token] | None:

@@ -11,7 +11,7 @@ from pyoxigraph import Store
 import ontology
 from rtask.errors import DataError, QuerySyntaxError, RtaskError
 from rtask.sparql.lexer import guard, tokenise
-from rtask.sparql.misspelt import bare_slash, misspelling
+from rtask.sparql.misspelt import bare_slash, misspelling, unbalanced
 from rtask.sparql.tokens import Token, line_and_column
 from rtask.sparql.update_outline import Update
 
@@ -51,6 +51,7 @@ def syntax_error(
         _undeclared_prefix(tokens)
         or bare_slash(tokens)
         or (tokens and misspelling(tokens, what == "query"))
+        or unbalanced(tokens)
     )
     if fault:
         message, token = fault

@@ -98,8 +98,8 @@ class Settings:
             stored = int(record["format"])
         except FileNotFoundError:
             raise StoreFormatError(
-                f"{folder} is not a knowledge base (no {_FILE}); name an empty or new folder, "
-                "or one that RTASK created",
+                f"{folder} is not a knowledge base (no {_FILE}); reading takes a folder that RTASK "
+                "made, writing an empty or new one as well",
                 absent=True,
             ) from None
         except (ValueError, KeyError, TypeError) as error:

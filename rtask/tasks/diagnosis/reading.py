@@ -6,9 +6,9 @@ import datetime as dt
 import json
 from typing import Any
 
-from rtask.errors import UnknownTermError
+from rtask.errors import DataError, UnknownTermError
 from rtask.rdf.namespaces import PREFIXES, local_name
-from rtask.rdf.terms import NamedNode
+from rtask.rdf.terms import NamedNode, iri
 from rtask.sparql.results import Row
 from rtask.tasks.actions import Select
 from rtask.tasks.diagnosis.attempt import Failure, Hand, Try
@@ -112,7 +112,14 @@ def read_failure(select: Select, subject: str) -> Failure:
     UnknownTermError
         Nothing under this IRI was attempted or ended.
     """
-    node = str(NamedNode(subject))
+    try:
+        node = str(iri(subject))
+    except DataError:
+        raise UnknownTermError(
+            f"{subject!r} is no IRI: attempts, steps and plans have no other name; `rtask tasks` "
+            "lists plans, `rtask history` what was written",
+            field="subject",
+        ) from None
     latest = next(iter(select(PREFIXES + _SUBJECT % {"s": node})), None)
     step = next(iter(select(PREFIXES + _STEP % {"s": node})), None)
     attempt = "" if latest is None else str(latest.value("attempt"))

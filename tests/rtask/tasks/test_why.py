@@ -162,6 +162,8 @@ def test_what_held_has_no_cause_and_what_was_never_tried_is_unknown(engine):
     attempt = tried(engine, NAO, 0.0)
     answer = engine.call("explain_failure", {"subject": attempt}, ANN)
     assert (answer.held, answer.causes, answer.change) == (True, [], None)
+    with pytest.raises(UnknownTermError, match="'a name' is no IRI"):
+        engine.call("explain_failure", {"subject": "a name"}, ANN)
     with pytest.raises(UnknownTermError, match="no attempt"):
         engine.call("explain_failure", {"subject": TABLE}, ANN)
 
