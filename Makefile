@@ -104,5 +104,5 @@ dist: $(READY)  ## build sdist and wheel in dist/, the wheel from the sdist, and
 	@$(BIN)/python -m tests.packaging.distributions dist
 
 clean:  ## remove everything that the targets made
-	rm -rf $(VENV) dist build rtask-demo rtask-recorded .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) dist build rtask-demo rtask-recorded .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage-rooms
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

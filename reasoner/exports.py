@@ -104,6 +104,7 @@ def missing_and_surplus(
             surplus.append(triple)
         else:
             encodable.append((s, p, o))
+    # Through the same columns as the closure's own, so that the comparison is one of sorted arrays.
     held = Facts()
     held.replace(encodable)
     stored = {p: column.keys for p, column in held.columns().items()}
@@ -133,6 +134,8 @@ def small_difference(
     old = {*layer.removed, *map(before.equality.rewrite, touched)}
     new = {*layer.added, *map(after.equality.rewrite, touched)}
     merged = _changed_classes(before.equality, after.equality)
+    # A class that was merged or split rewrites all facts about its members, not only the changed
+    # ones.
     for term in merged:
         old.update(before.facts.about(before.equality.find(term)))
         new.update(after.facts.about(after.equality.find(term)))
@@ -143,6 +146,7 @@ def small_difference(
 
 
 def _changed_classes(before: Equality, after: Equality) -> set[int]:
+    # Most changes touch no equality.
     if before == after:
         return set()
     members = {m for e in (before, after) for _, ms in e.classes() for m in ms}

@@ -47,6 +47,7 @@ class ClosureView:
         """Return whether a triple is asserted, derived, or a tautology."""
         fact = self._find(triple)
         if fact is None:
+            # Everything is the same as itself (rule eq-ref), also what was never mentioned.
             return triple[0] == triple[2] and triple[1] == NamedNode(v.IRIS[SAME])
         reading = self._reading()
         return any(reading.holds(f) or reading.is_virtual(f) for f in reading.forms(fact))
@@ -56,6 +57,7 @@ class ClosureView:
     ) -> list[Triple]:
         """Return the asserted and derived triples that match a pattern; None matches all."""
         pattern = tuple(None if term is None else self._terms.find(term) for term in (s, p, o))
+        # A term without an id is in no fact; None in the pattern would match all.
         if any(n is None and t is not None for n, t in zip(pattern, (s, p, o), strict=True)):
             return []
         a, b, c = pattern
@@ -98,6 +100,7 @@ class ClosureView:
             return Refutation(triple, gloss, (), self._unmentioned(triple, name))
         if not self.contains(triple):
             refutation = self._reading().refute(fact, budget, name)
+            # What is missing says more than which names are new.
             if refutation.needs:
                 return refutation
             return replace(refutation, unknown=self._unmentioned(triple, name))

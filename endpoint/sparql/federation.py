@@ -81,6 +81,7 @@ def answer_services(text: str, outgoing: Outgoing, deadline: float, base: str) -
 
 
 def _address(where: Token, block: list[Token], prologue: str, base: str) -> str:
+    # It would be carried out by the other server, with its rights and not under our rules.
     if any(token.is_word("SERVICE") for token in block):
         raise ForbiddenError("a SERVICE within a SERVICE is not carried out", operation="SERVICE")
     if where.kind not in ("iri", "name"):
@@ -132,6 +133,8 @@ def values(names: list[str], rows: Iterable[Any], url: str) -> str:
 def _term(term: Any, url: str) -> str:
     if term is None:
         return "UNDEF"
+    # Its label means something to the other server alone; VALUES takes none (SPARQL 1.1 Query,
+    # 10.2).
     if isinstance(term, ox.BlankNode):
         node = hashlib.sha256(f"{url} {term.value}".encode()).hexdigest()[:24]
         return f"<urn:rtask:elsewhere:{node}>"
@@ -170,11 +173,13 @@ def update_with_loads(
         502 if a document could not be fetched and the LOAD was not SILENT.
     """
     steps = _steps(text)
+    # All are fetched before the writer's lock is taken: another server may answer slowly.
     documents = {
         number: _document(operation, outgoing, deadline, update.base)
         for number, (operation, _) in enumerate(steps)
         if operation.kind == "LOAD"
     }
+    # What reads runs bounded, in a reader process: documents go along as data.
     if any(operation.kind != "LOAD" and needs_reader(source) for operation, source in steps):
         whole = " ;\n".join(
             _as_data(operation, documents[number], update.base)

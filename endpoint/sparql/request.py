@@ -136,6 +136,8 @@ def is_update(request: Request) -> bool:
     if request.method in ("GET", "HEAD"):
         return False
     media_type = request.content_type[0]
+    # Looked at before parsing, to choose the lane: it has to be cheap, and right for every form
+    # that parses.
     if media_type in (QUERY_TYPE, UPDATE_TYPE):
         return media_type == UPDATE_TYPE
     return _has_update(request.body) or _has_update(request.query_string.encode())
@@ -213,6 +215,7 @@ def _single(fields: Fields, name: str) -> str:
 
 
 def _query(text: str, fields: Fields, request: Request) -> QueryRequest:
+    # The commonest request, without a field to look for.
     if len(fields) == 1 and fields[0][0] == QUERY:
         return QueryRequest(_without_nul(text, "query"), base=request.url)
     refuse_unknown((name for name, _ in fields), _QUERY_FIELDS)

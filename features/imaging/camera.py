@@ -134,6 +134,7 @@ def lens_from_message(message: Mapping[str, Any], is_rectified: bool = False) ->
         raise ValueError(f"the camera lacks {error.args[0]}") from None
     except (TypeError, OverflowError) as error:
         raise ValueError(f"the camera does not read: {error}") from None
+    # D describes the raw image; a rectified one is undistorted already (sensor_msgs/CameraInfo).
     if is_rectified:
         return Lens(camera)
     model = str(message.get("distortion_model", "plumb_bob"))
@@ -184,6 +185,8 @@ def lens_of_size(lens: Lens, message: Mapping[str, Any], shape: tuple[int, int])
     region = _region(message)
     bins = [max(int(message.get(name) or 1), 1) for name in ("binning_x", "binning_y")]
     left, top, across, down = region if region[2] and region[3] else (0, 0, full.width, full.height)
+    # Only if it leads to the image that came: roi and binning may be left over from an earlier
+    # setting.
     if (down // bins[1], across // bins[0]) == shape:
         part = Intrinsics(across, down, full.fx, full.fy, full.cx - left, full.cy - top)
         return replace(lens, intrinsics=scaled(part, shape[1], shape[0]))
@@ -320,6 +323,7 @@ def align_colour(
                 f"colour of {rgb.shape[1]}x{rgb.shape[0]} px does not show what depth of "
                 f"{width}x{height} px shows; say how the colour camera is built and where it sits"
             )
+        # Averaged when it shrinks: picking single pixels would alias fine print.
         way = cv2.INTER_AREA if across > 1 else cv2.INTER_LINEAR
         same = rgb if down == across == 1 else cv2.resize(rgb, (width, height), interpolation=way)
         return Frame(depth, depth_camera, np.asarray(same, dtype=np.uint8))
@@ -331,6 +335,7 @@ def align_colour(
         u = lens.fx * points[..., 0] / z + lens.cx
         v = lens.fy * points[..., 1] / z + lens.cy
         seen = (z > 0) & (u > -0.5) & (u < lens.width - 0.5) & (v > -0.5) & (v < lens.height - 0.5)
+    # Far outside, where remap gives the border; NaN would be undefined in it.
     across, down = (np.where(seen, axis, -10).astype(np.float32) for axis in (u, v))
     colours = cv2.remap(rgb, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     colours[~seen] = 0

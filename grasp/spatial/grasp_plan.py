@@ -220,6 +220,7 @@ def plan_on_cloud(
     notes = () if shown is None else (shown.note,)
     table = None if support is None else support.plane
     seen = prepare_cloud(points, table=table, viewpoints=viewpoints)
+    # Compared once: completion and sampled shapes both start from them.
     guesses = compare_symmetries(seen)
     whole = complete_by_symmetry(seen, guesses)
     judge = chosen_filter(classifier, gripper)
@@ -247,9 +248,11 @@ def plan_on_cloud(
         return ranked[0], ranked[1]
 
     hands, pairs = plan(whole)
+    # Without a filter scores of hands and of pairs are not comparable: the best hand stays first.
     ahead = 1 if judge is None else 0
     guessed = [*hands.candidates[:ahead], *rank([*hands.candidates[ahead:], *pairs], up)]
     safe: list[GraspCandidate] = []
+    # Only where something was guessed: else both plans would be the same.
     if options.hedge and whole.completed.any():
         seen_hands, seen_pairs = plan(seen)
         safe = rank([*seen_hands, *seen_pairs], up)

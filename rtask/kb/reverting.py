@@ -66,6 +66,7 @@ class Reverting(Writing):
             raise UnknownTermError(f"commit {seq} changed no statement that could be restored")
         gone = [quad for quad in added if quad not in self.store]
         restored = [quad for quad in removed if quad in self.store]
+        # Nothing of it is left, and all that it removed is back: undone, whoever did it.
         if len(gone) + len(restored) == len(added) + len(removed):
             raise ConflictError(f"commit {seq} is already undone", commit=seq)
         if gone:
@@ -91,6 +92,7 @@ class Reverting(Writing):
     def _refuse_built_on(self, seq: int, added: list[Quad], removed: list[Quad]) -> None:
         """Refuse to withdraw the types of what statements of later commits refer to."""
         withdrawn = set(added)
+        # A type that was exchanged comes back with what was removed.
         typed_again = {quad.subject for quad in removed if quad.predicate == RDF_TYPE}
         typed = {quad.subject for quad in added if quad.predicate == RDF_TYPE}
         for node in typed - typed_again:
@@ -120,6 +122,7 @@ class Reverting(Writing):
         raise UnknownTermError(f"there is no commit {seq}; `rtask history` lists them")
 
     def _own(self, quads: Iterable[Quad]) -> list[Quad]:
+        # Hidden causes follow from the attempts: they are nobody's statement.
         return [quad for quad in quads if quad.graph_name != self.graphs.causes]
 
     def _kinds(self, *parts: Iterable[Quad]) -> dict[GraphName, str]:
@@ -131,5 +134,6 @@ class Reverting(Writing):
             if quad.predicate == RDF_TYPE and quad.object == _ONTOLOGY
         }
         graphs = {quad.graph_name for quads in parts for quad in quads}
+        # Now, too: undoing may make a graph an ontology again, or end that it is one.
         present = {graph for graph in graphs if self.catalogue.is_ontology(graph)}
         return dict.fromkeys(declared | present, "OntologyGraph")

@@ -168,6 +168,7 @@ class Evidence:
         specific: set[str] = set()
         for row, quad in enumerate(self._quads(None, NamedNode(iri), None, None)):
             term = quad.object if at else quad.subject
+            # Rows and not terms: one thing with a million values would be walked through.
             if row >= MAX_ENDS:
                 return None
             if term in seen:
@@ -273,6 +274,7 @@ class Evidence:
             return True
         if mine.is_all and others.is_all:
             return False
+        # The side whose matches are all known is looked up in the other: only that can say no.
         if mine.is_all or not others.is_all:
             has_any = self._has_any(mine.ends(at), other, other_at)
             if has_any or mine.is_all:
@@ -285,6 +287,7 @@ class Evidence:
         return any(
             next(self._rows(edge, at, term), None) is not None
             for term in terms
+            # A literal is no subject.
             if at == 1 or not isinstance(term, Literal)
         )
 
@@ -309,6 +312,7 @@ class Evidence:
         first = self._of_steps.get(key)
         if first is None:
             rows = self._rows(Edge(s, [Step(step.node)], o, 0, 0))
+            # One more than is kept tells whether there are others.
             pairs = list(islice(rows, MAX_ROWS + 1))
             first = self._of_steps[key] = _First(pairs[:MAX_ROWS], len(pairs) <= MAX_ROWS)
         return first.turned if step.is_inverse else first
@@ -324,6 +328,8 @@ class Evidence:
             ends[at] = term
         for step in edge.steps:
             s, o = ends[::-1] if step.is_inverse else ends
+            # An inverse step from a literal would ask the store for one as subject, which it
+            # refuses.
             if isinstance(s, Literal):
                 continue
             for quad in self._quads(s, NamedNode(step.node.value), o, None):
@@ -335,6 +341,7 @@ def _term(node: Node) -> Term | None:
     if node.kind == "iri":
         return NamedNode(node.value)
     if node.kind == "literal" and not node.datatype.endswith("langString"):
+        # As the store writes it: 1.0 and 1.00 of a query are then the same term.
         return stored(Literal(node.value, datatype=NamedNode(node.datatype)))
     return None
 

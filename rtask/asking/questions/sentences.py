@@ -48,6 +48,7 @@ def names_of(select: Select, terms: Iterable[Term | None]) -> dict[Term, str]:
         if isinstance(name, Literal):
             names[term] = name.value
         elif isinstance(product, Literal):
+            # Two things of one product would have one name; the end of their IRIs tells them apart.
             names[term] = f"{product.value} ({names[term][-4:]})"
     return names
 
@@ -113,6 +114,7 @@ def sentence(
     """
     if "*}" in template:
         return _finished([_listed(template, rows, names, given)])
+    # As keys, since rows that differ in columns that are not shown read alike.
     clauses: dict[str, None] = {}
     for row in rows:
         values = dict(zip(rows.variables, row, strict=True))

@@ -51,6 +51,7 @@ class Edit:
         """Return the changeable statements that match a pattern; the list is not to be changed."""
         quads = self._matched.get(pattern)
         if quads is None:
+            # Graphs that nobody may write, such as the reasoner's, follow from the others.
             quads = [q for q in self._kb.match(*pattern) if self._is_changeable(q.graph_name)]
             self._matched[pattern] = quads
         return quads
@@ -142,6 +143,7 @@ class Edit:
             if not isinstance(blob, NamedNode):
                 continue
             others = {q.subject for q in self._kb.match(None, RT.hasBlob, blob)}
+            # Nodes that go in this very edit hold nothing any more.
             others -= {q.subject for q in self.removed if q.predicate == RT.hasBlob}
             if others <= {node}:
                 self.remove(self.match(blob))
@@ -151,8 +153,11 @@ class Edit:
     def commit(self, context: Context, note: str, author: Access) -> Commit:
         """Store the edit as one commit in the name of a person; the caller holds the write lock."""
         self._restate_causes(context)
+        # An edit changes graphs of several agents, which their own right would not allow; whoever
+        # calls has checked the person's.
         access = Access(author.agent, "admin")
         with context.kb.transaction(access=access, note=NOTE + note) as tx:
+            # What is both withdrawn and asserted stays untouched, and out of the history.
             tx.remove_quads(self.removed.keys() - self.added.keys(), as_read=True)
             tx.add_quads(quad for quad in self.added if quad not in self.removed)
         context.views.sync()
@@ -163,6 +168,7 @@ class Edit:
         graph = context.kb.graphs.causes
         for changes in (self.removed, self.added):
             for quad in [q for q in changes if q.graph_name == graph]:
+                # Causes follow from the attempts, and are restated as a whole below.
                 del changes[quad]
         will_be = _WillBe(self)
         for object_iri in sorted(self._tried_objects(will_be), key=str):

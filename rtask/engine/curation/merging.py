@@ -65,6 +65,7 @@ def merge_objects(context: Context, target: NamedNode, other: NamedNode, author:
         kb = context.kb
         target_from_other = find_target_from_other(context, target, other)
         edit = Edit(kb)
+        # Read before they are renamed: people go on asking for the object by its former name.
         names = [str(python_value(q.object)) for q in kb.match(other, RT.name)]
         move_frame(
             context,
@@ -76,6 +77,7 @@ def merge_objects(context: Context, target: NamedNode, other: NamedNode, author:
         for node in (target, other):
             withdraw_models(edit, node)
         _withdraw_likeness(edit, target, other)
+        # A cup merged into a mug stays a mug: the one kept says what it is, unless it says nothing.
         kinds = {q.object for q in kb.match(target, RDF.type)} - {RT.ManipulableObject}
 
         def goes_along(quad: Quad) -> bool:
@@ -100,6 +102,7 @@ def merge_objects(context: Context, target: NamedNode, other: NamedNode, author:
 
 def _withdraw_likeness(edit: Edit, target: NamedNode, other: NamedNode) -> None:
     """Withdraw that two objects are alike, which would come to be said of one."""
+    # Stated in either direction, by whoever saw the one first.
     for first, like in ((target, other), (other, target)):
         edit.remove(edit.match(first, RT.similarTo, like))
         likeness = Triple(first, RT.similarTo, like)
@@ -146,6 +149,8 @@ def find_target_from_other(
                 and np.linalg.norm(target_from_other[:2, 3]) < MAX_SHIFT_M
             ):
                 best, agreed = target_from_other, int(pairs.agreed.sum())
+    # Objects stand on a table: a tilt or height that matching gives is its error, and would lift
+    # every grasp.
     flat = np.eye(4)
     yaw = yaw_of(best)
     flat[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
@@ -195,6 +200,7 @@ def move_frame(
         if not isinstance(pose, NamedNode) or (only is not None and pose not in only):
             continue
         edit.replace(link, Quad(pose, RT.inFrame, new, graph))
+        # A pose may be described in several graphs; each is moved by the numbers of its own.
         quads = [q for q in edit.match(pose) if q.graph_name == graph]
         numbers = _numbers(quads)
         triples = Triples()
@@ -203,6 +209,8 @@ def move_frame(
             x, y, z = (new_from_old @ place)[:3].tolist()
             theta = round(wrap_2pi(numbers[RT.theta] + yaw_of(new_from_old)), 6)
             triples.node(pose, [], {RT.x: x, RT.y: y, RT.z: z})
+            # Rounding can turn the largest angle below a full turn into a full turn, which is out
+            # of range.
             triples.add(pose, RT.theta, 0.0 if theta >= 2 * np.pi else theta)
         elif RT.qw in numbers:
             place = np.array([numbers[p] for p in _NUMBERS[:3]])
@@ -234,6 +242,7 @@ def present_name(kb: GraphCore | Graph, name: str) -> str:
             return name
         onwards = [q.object for q in kb.match(node, RT.mergedInto)]
         targets = sorted(o.value for o in onwards if isinstance(o, NamedNode))
+        # Two merges in opposite directions make a ring.
         if not targets or targets[0] in seen:
             return name
         name = targets[0]

@@ -56,10 +56,13 @@ def split_object(
         frame = body_frame(context, new)
         events, poses = _move_views(edit, object_iri, new, moving)
         poses |= _move_attempts(context, edit, object_iri, new, events)
+        # Both objects start from one shape, so that their frames coincide: poses change their frame
+        # and no number.
         move_frame(
             context, edit, body_frame(context, object_iri), frame, np.eye(4), frozenset(poses)
         )
         withdraw_models(edit, object_iri)
+        # Of the graph as it is, where all views still belong to the old object.
         posed = posed_views(kb, object_iri)
         for owner, mine in (
             (object_iri, [v for v in posed if iri(v[0]) not in moving]),
@@ -179,6 +182,7 @@ def _move_tasks(edit: Edit, object_iri: NamedNode, new: NamedNode, tasks: set[Na
     for whole in wholes:
         assert isinstance(whole, NamedNode)
         parts = edit.match(whole, RT.hasSubTask)
+        # A whole whose parts are of both objects now handles neither alone.
         if all(quad.object in tasks for quad in parts):
             going.add(whole)
         else:
@@ -192,6 +196,8 @@ def _copy_measure(
     edit: Edit, node: NamedNode, owners: tuple[NamedNode, NamedNode], frame: NamedNode
 ) -> NamedNode:
     """Copy a pose, a contact or a normal to another frame and owner; return the copy."""
+    # Nodes of a grasp carry its IRI in front: the copy's names follow from its own, so that nothing
+    # has to be counted.
     copy = iri(node.value.replace(owners[0].value, owners[1].value, 1))
     for part in edit.match(node):
         value = frame if part.predicate == RT.inFrame else part.object
@@ -224,6 +230,7 @@ def _recount(
     """Recount a grasp without some attempts, and its copy with them."""
     totals: dict[tuple[NamedNode, NamedNode, str], list[int]] = {}
     every, moved = judged(context, grasp=[grasp]), judged(context, attempt=attempts)
+    # The old grasp keeps what did not move; nobody's attempt is counted twice.
     for rows, owner, sign in ((every, grasp, 1), (moved, grasp, -1), (moved, twin, 1)):
         for _, robot, gripper_type, held, n in rows:
             total = totals.setdefault((owner, robot, gripper_type), [0, 0])
@@ -298,6 +305,8 @@ def forget_object(context: Context, object_iri: NamedNode, purge: bool, author: 
             edit.remove(edit.match(None, None, object_iri))
         else:
             grasps = _objects(edit, object_iri, RT.hasGrasp)
+            # Attempts are history and stay, with the grasps that they executed; only purging takes
+            # both.
             tried.update(g for g in grasps if edit.match(None, RT.executesGrasp, g))
             gone = _depending(context, edit, [g for g in grasps if g not in tried])
         for node in gone:
@@ -313,6 +322,7 @@ def forget_object(context: Context, object_iri: NamedNode, purge: bool, author: 
         )
         _forget_notes(edit, object_iri)
         triples = Triples()
+        # A mark is left, so that a robot that still knows the IRI is told that it was forgotten.
         triples.add(object_iri, PROV.invalidatedAtTime, stamp(dt.datetime.now(dt.UTC)))
         edit.state(triples, context.home_graph(author))
         how = "forget for good" if purge else "forget"
@@ -376,6 +386,7 @@ def _depending(context: Context, edit: Edit, nodes: Iterable[object]) -> set[Nam
         if not isinstance(node, NamedNode) or node in seen or not node.value.startswith(starts):
             continue
         seen.add(node)
+        # Not to where it came from: that is a source of others as well.
         todo += [q.object for q in edit.match(node) if q.predicate != PROV.wasDerivedFrom]
         for predicate in (RT.statisticsOf, RT.executesGrasp):
             todo += [q.subject for q in edit.match(None, predicate, node)]
@@ -386,5 +397,6 @@ def _discard(context: Context, blobs: Iterable[NamedNode]) -> None:
     """Delete blobs that are no longer referenced."""
     kb = context.kb
     for blob in blobs:
+        # Asked after the commit: another view may hold the same bytes.
         if not kb.match(None, RT.hasBlob, blob) and kb.blobs.has(blob):
             kb.blobs.discard(blob.value.rpartition(":")[2], 0.0)

@@ -118,6 +118,7 @@ def options(
     proposed = propose_planar(
         scene.footprint, hand, scene.neighbours, scene.seed, max_candidates=limit
     )
+    # A candidate beside a known grasp would be the same arm twice, one of them without its history.
     fresh = ~_merged(proposed, [remembered.grasp for remembered in options[:200]])
     at = np.array([(grasp.x, grasp.y, grasp.theta) for grasp in proposed]).reshape(-1, 3)
     moved = move_planar(scene.frame_from_upright, at, inverse=True).tolist()
@@ -188,6 +189,7 @@ def choose(
 
 def _of_kind(memory: Memory, kind: ContactKind) -> Memory:
     """Return what is remembered of grasps by contacts of one kind: others say nothing about it."""
+    # Trials carry no kind of their own, so that both go by the grasp.
     others = {grasp.grasp for grasp in memory.grasps if grasp.contact_kind != kind}
     if not others:
         return memory
@@ -281,6 +283,8 @@ def _from_above(scene: Scene, remembered: Sequence[Remembered]) -> list[Option]:
         return []
     wide = [_opening(recalled, scene.gripper) for recalled in remembered]
     tried = [wide]
+    # Opened as it was, or only as far as the object is wide: between neighbours the narrower one
+    # may be free.
     if scene.neighbours is not None:
         narrow = [
             w if recalled.width is None else min(w, recalled.width + 2 * _SPARE_M)
@@ -332,6 +336,7 @@ def _in_space(scene: Scene, remembered: Sequence[Remembered]) -> list[Option]:
     support = float(scene.frame_from_upright[2, 3])
     around = scene.neighbours
     if around is not None:
+        # Neighbours are measured from their support, poses from the origin of the scene's frame.
         around = around + np.array([0.0, 0.0, support])
     poses = np.stack([pose @ recalled.object_from_gripper for recalled in remembered])
     openings = np.array([_opening(recalled, hand) for recalled in remembered])
@@ -348,6 +353,8 @@ def _in_space(scene: Scene, remembered: Sequence[Remembered]) -> list[Option]:
         width = opening if recalled.width is None else recalled.width
         is_steep = tilt(placed @ _UPSIDE_DOWN) <= scene.max_tilt
         if is_free and hand.fits(width, 0.0) and is_steep:
+            # What geometry thought of it; what its attempts say comes with the evidence and must
+            # not be counted twice.
             scores = {"confidence": recalled.prior or 0.0, "clearance": clearance}
             grasp = GraspCandidate(placed, width, source="recalled", opening=opening, scores=scores)
             contacts = recalled.contacts
@@ -449,5 +456,6 @@ def _merged(
     off = a[:, None] - b[None]
     near = np.hypot(off[..., 0], off[..., 1]) <= _MERGE_M
     level = np.abs(off[..., 2]) <= _MERGE_M
+    # Modulo half a turn, since jaws that are turned by it close alike.
     along = np.abs((off[..., 3] + np.pi / 2) % np.pi - np.pi / 2) <= _MERGE_RAD
     return np.asarray((near & level & along).any(axis=1))

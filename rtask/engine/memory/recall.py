@@ -58,6 +58,8 @@ def _memory(rows: Solutions, question: Question) -> Memory:
         },
         pictures={
             view: digest
+            # Backwards, so that of several pictures of a view the first digest is the one that
+            # remains.
             for view, digest in sorted(
                 ((_text(row, "view"), _text(row, "sha")) for row in parts["view"]), reverse=True
             )
@@ -109,6 +111,8 @@ def _object(iri: str, mine: list[Row]) -> RememberedObject:
     for row in mine:
         if row["class"] is not None:
             classes.setdefault(_text(row, "class"), set()).add(_text(row, "above"))
+    # The class with most classes above it is the most specific; the IRI settles ties, whatever the
+    # order of rows.
     best = min(classes, key=lambda c: (-len(classes[c] - {""}), c), default="")
     labels = sorted(_text(r, "label") for r in mine if best and _text(r, "class") == best)
     shorts = sorted(_text(r, "short") for r in mine if best and _text(r, "class") == best)
@@ -153,6 +157,7 @@ def _tallies(
         when = None if latest is None else dt.datetime.fromisoformat(str(latest))
         by = teller(row)
         in_fast = fast.get((key, held, lost, by), 0)
+        # The query counts all attempts, and those in coarse physics again.
         for count, is_fast in ((int(_number(row, "n")) - in_fast, False), (in_fast, True)):
             if count:
                 weight = question.doubts.get(by, 1.0)
@@ -180,6 +185,8 @@ def _contacts(rows: Iterable[Row]) -> dict[str, Contacts | None]:
             )
         except ValueError as error:
             log.warning("%s is left out: %s", grasp, error)
+            # Left out with a warning: one grasp of a careless robot must not fail the recall of
+            # all.
             contacts[grasp] = None
     return contacts
 
@@ -229,6 +236,7 @@ def _episode(rows: Iterable[Row]) -> tuple[Trial, ...]:
         )
         for row in rows
     }  # fmt: skip
+    # From the newest back: a success, or a number that does not fall, ends the episode.
     newest_first = sorted(trials.values(), key=lambda t: (t.ended, t.number), reverse=True)
     run: list[Trial] = []
     for trial in newest_first:

@@ -132,12 +132,15 @@ def count(
         for quad in context.kb.match(node, graph=graph)
         if quad.predicate in counted
     ]
+    # Counted before in this commit: the store does not have it yet.
     if node in pending.totals:
         triples.discard(node, counted)
         held, total = pending.totals[node]
     else:
         numbers = {p: float(str(python_value(object_term(v)))) for _, p, v in old}
         held, total = int(numbers.get(RT.successes, 0)), int(numbers.get(RT.attempts, 0))
+    # A verdict takes counts away; where a count was edited by hand, what remains stays a possible
+    # one.
     total = max(total + attempts, 0)
     held = min(max(held + successes, 0), total)
     pending.totals[node] = held, total
@@ -203,6 +206,7 @@ def rebuild(context: Context) -> Commit:
             total[1] += n
         kb = context.kb
         with kb.transaction(note="rebuild statistics") as tx:
+            # All go first: a count of what nobody tried any more would stay.
             for node in {q.subject for q in kb.match(None, RT.statisticsOf)}:
                 for quad in kb.match(node):
                     if isinstance(quad.graph_name, NamedNode) and kb.access().may_write(

@@ -124,6 +124,7 @@ def asked(policy: Policy, request: Asking) -> Thresholds | None:
     identity = request.min_confidence
     identity = policy.min_identity if identity is None else identity
     default = (identity, policy.min_pose, policy.min_grasp)
+    # By None and not by truth: a threshold of 0 is meant.
     least, pose, grasp = (d if g is None else float(g) for d, g in zip(default, given, strict=True))
     return Thresholds(
         least,
@@ -172,6 +173,8 @@ def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[st
         "text": "",
         "advice": "",
     }
+    # In the order in which a robot can do something about it: what it is, where it is, how to grasp
+    # it.
     is_new = case.recognised is None and _may_be_new(thresholds, case)
     if not is_new and (case.recognised is None or identity < thresholds.identity):
         low = ("identity", identity, thresholds.identity, _objects(case), _look(case))
@@ -183,6 +186,7 @@ def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[st
         answer["text"] = _sentence(None if is_new else identity, pose, grasp)
         return answer
     name, confidence, threshold, alternatives, advice = low
+    # Rounded down: "0.95 is below 0.95" would be told otherwise.
     reason = f"{name}: {math.floor(confidence * 100) / 100:.2f} is below {threshold:.2f}"
     if name == "identity" and confidence >= threshold:
         reason = f"identity: {confidence:.2f}, and too little is known yet to compare it with"

@@ -149,11 +149,13 @@ def _values(
     is_functional: dict[NamedNode, bool] = {}
     for quad in own.added:
         rivals = theirs.get((quad.subject, quad.predicate), ())
+        # The same value from both is agreement, and what the branch withdrew is no rival.
         rivals = [r for r in rivals if r.object != quad.object and r not in own.removed]
         if not rivals:
             continue
         predicate = quad.predicate
         if predicate not in is_functional:
+            # Asked once a property: a branch may change thousands of values.
             is_functional[predicate] = _is_there(trunk, own, predicate, _FUNCTIONAL)
         if is_functional[predicate]:
             values = " and ".join(dict.fromkeys(names(rival.object) for rival in rivals))
@@ -210,6 +212,7 @@ def _withdrawn(
     if not gone:
         return
     built: dict[Term, list[Quad]] = {}
+    # What the branch types itself it brings along, whatever the trunk did.
     typed = {quad.subject for quad in own.added if quad.predicate == RDF_TYPE}
     for quad in own.added:
         for node in (quad.subject, quad.object):

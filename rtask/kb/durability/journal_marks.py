@@ -50,6 +50,7 @@ class _Segment:
 
     name: str
     seqs: array[int] = field(default_factory=lambda: array("q"))
+    # Columns of numbers, 32 bytes a commit: a journal may have millions.
     times_s: array[float] = field(default_factory=lambda: array("d"))
     changed: array[int] = field(default_factory=lambda: array("q"))
     starts: array[int] = field(default_factory=lambda: array("q"))
@@ -65,12 +66,14 @@ class _Segment:
         """
         with path.open("rb") as file:
             size = file.seek(0, 2)
+            # Another process has cut off records that were never wholly written.
             if size < self.end:
                 self.forget(size)
             file.seek(self.end)
             while line := file.readline():
                 mark = _read(line)
                 if mark is None or self.end + len(line) + mark[3] > size:
+                    # Of the last segment the end may be in the making; anywhere else it is damage.
                     if torn_end:
                         return
                     raise StoreError(
@@ -136,6 +139,8 @@ class JournalMarks:
         segments, time_s = self._current(), time.timestamp()
         first = next((segment.mark(0) for segment in segments if segment.seqs), None)
         for segment in reversed(segments):
+            # One by one from the end and not by halves: clocks go back, so that times are not
+            # sorted.
             for k in range(len(segment.seqs) - 1, -1, -1):
                 if segment.times_s[k] <= time_s:
                     return first, segment.mark(k)

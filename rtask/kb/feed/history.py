@@ -91,9 +91,11 @@ def _entries(
 ) -> Iterator[HistoryEntry]:
     upto = feed.last_seq if period.upto is None else period.upto
     clock = _Clock()
+    # In memory there is no journal, but the feed keeps the last changes.
     if isinstance(journal, NoJournal):
         for change in feed.changes(period.after, upto):
             time = change.commit.time.isoformat()
+            # For every commit, also those not shown: the clock is compared with the latest of all.
             back = clock.back_s(time)
             if period.holds(time, change.agent):
                 added = (*change.added, *change.inferred_added)

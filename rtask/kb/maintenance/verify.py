@@ -135,6 +135,8 @@ def collect_blobs(
     """
     with writer.exclusive():
         named = _named_blobs(kb)
+        # Within the writer's lock: a blob is stored before the statement that names it. Those
+        # younger than a day stay for the same reason.
         idle = [
             digest for digest in kb.blobs.digests() if digest not in named and digest not in besides
         ]
@@ -143,8 +145,11 @@ def collect_blobs(
 
 def _union(kb: Reasoning, repair: bool) -> Iterator[Finding]:
     store = kb.store
+    # Read from the graphs at each query, it cannot disagree with them.
     if store.is_view:
         return
+    # In both directions: a lost statement is not seen by queries, and one too many is seen that
+    # nobody states.
     missing = [
         Quad(*triple_key(quad), DEFAULT)
         for quad in store.quads_for_pattern(None, None, None, None)
@@ -189,6 +194,7 @@ def _closure(
 ) -> Iterator[Finding]:
     if inference.saved is not None:
         damaged = list(inference.saved.damaged())
+        # A note: the closure is computed again, and only opening takes longer.
         yield from (Finding("note", "closure", detail) for detail in damaged)
         if damaged and repair:
             inference.saved.discard()

@@ -76,6 +76,7 @@ def _check_words(rule: Rule, tokens: list[Token]) -> None:
     for token in tokens:
         if token.kind != "word" or token.text.upper() in _WORDS:
             continue
+        # Without a near word the parser's own message is the better one.
         hint = nearest(token.text.upper(), sorted(_WORDS))
         if hint:
             raise _at(rule, token, f"unknown word {token.text!r}{hint}")
@@ -111,6 +112,8 @@ def _check_terms(
     """Refuse names in RTASK's own namespace that no ontology declares: they match nothing."""
     for token, iri in _iris(tokens, prefixes):
         name = iri.removeprefix(ontology.NS)
+        # Names of other vocabularies may come later; ours are all declared, so that one that is not
+        # is a slip.
         if name in (iri, "") or knows(NamedNode(iri)):
             continue
         hint = nearest(name, list(terms))
@@ -147,6 +150,7 @@ def _compile(rule: Rule) -> None:
     try:
         compile_rule(LabelledRule(rule.text, rule.label), Dictionary().encode)
     except RuleError as error:
+        # Of syntax the store's parser knows line and column.
         if not error.reason.startswith("not a SPARQL query"):
             raise rule_error(rule, error) from error
         check = None

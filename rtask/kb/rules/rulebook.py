@@ -80,6 +80,7 @@ def changed(change: Overlay, graphs: Graphs) -> list[Rule] | None:
     if not any(quad.graph_name == here for quad in chain(change.added, change.removed)):
         return None
     stored = change.store.quads_for_pattern(None, None, None, here)
+    # By their text: a rule under a new label was checked before.
     before = {rule.text for rule in stored_rules(stored)}
     rules = stored_rules(change.quads(here))
     for rule in rules:
@@ -130,6 +131,7 @@ def add(
         check_rule(rule, lambda term: _exists(overlay, term), _own_terms(overlay))
         rule = tidy(rule)
         name = rule_iri(graphs, rule.label)
+        # By label too: a rule that was loaded from a file may have any IRI.
         old = existing.get(name) or labels.get(rule.label)
         if old is not None:
             if (old.text, old.comment) == (rule.text, rule.comment):

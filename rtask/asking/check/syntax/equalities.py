@@ -44,6 +44,7 @@ def equalities(
     for conjunct in _split(tokens, "&&"):
         options = [_atom(_bare(option), read_term) for option in _split(_bare(conjunct), "||")]
         complete = [option for option in options if option is not None]
+        # One alternative that is not understood may let the variable be anything.
         if complete and len(complete) == len(options):
             variables = {variable.text[1:] for variable, _ in complete}
             if len(variables) == 1:
@@ -81,6 +82,7 @@ def _atom(
     else:
         sides = _split(tokens, "=")
     if len(sides) == 2:
+        # Either side may be the variable.
         for variable, other in (sides, sides[::-1]):
             if len(variable) == 1 and variable[0].kind == "variable":
                 term = read_term(other)
@@ -99,6 +101,7 @@ def _bare(tokens: Sequence[Token]) -> Sequence[Token]:
         depth = 0
         for at, token in enumerate(tokens):
             depth += token.is_mark("(") - token.is_mark(")")
+            # (a) && (b): the first bracket closes before the end, so the outer two are no pair.
             if depth == 0 and at < len(tokens) - 1:
                 return tokens
         tokens = tokens[1:-1]
