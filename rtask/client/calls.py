@@ -2198,7 +2198,8 @@ class Calls(ABC):
         Parameters
         ----------
         subject
-            IRI of an attempt, a task, a step of a plan, or a stored plan
+            IRI of an attempt, a task, a step of a plan or a stored plan, or an object's IRI or
+            name: its latest attempt that failed
         """
         answer: FailureExplained = self._operate("explain_failure", locals())
         return answer

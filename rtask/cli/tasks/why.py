@@ -14,12 +14,14 @@ __all__ = ["why"]
 
 
 @click.command()
-@click.argument("subject", metavar="ATTEMPT|TASK")
+@click.argument("subject", metavar="ATTEMPT|TASK|OBJECT")
 @data_option
 @server_option
 @json_option
 def why(subject: str, data: Path, server: str | None, as_json: bool) -> None:
     """Say why an attempt, a step or a plan failed, and what would have mended it.
+
+    Of an object, by its name or IRI, its latest attempt that failed is meant.
 
     Causes come with their chances and what speaks for them; then comes the smallest changed fact
     (another grasp, hand, order, a look before) under which the graph expects it to have held. Exit

@@ -51,6 +51,8 @@ class Try:
         What was done before: looked, recognised, cleared, in_time or agreed.
     is_other
         Whether it is of another occasion than the failure that is asked about.
+    is_since
+        Whether it was made after that failure.
     """
 
     hand: Hand
@@ -63,6 +65,7 @@ class Try:
     reason: str = ""
     done_before: frozenset[str] = frozenset()
     is_other: bool = False
+    is_since: bool = False
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ def _other_grasps(failure: Failure, own: Try) -> Iterator[Change]:
         if kind == own.hand.kind and _is_apart(own, along)
     ]  # fmt: skip
     for iri, along in stored:
-        text = f"another grasp: {_place(along)}, which is stored"
+        text = f"another grasp: {_place(along)}, which {_record(failure, iri)}"
         yield Change("grasp", 2, text, replace(own, grasp=iri, along=along))
     if not failure.length or own.along is None:
         text = "another grasp, elsewhere on it"
@@ -102,6 +102,11 @@ def _other_grasps(failure: Failure, own: Try) -> Iterator[Change]:
             if _is_apart(own, along) and all(abs(along - at) > _APART_M for _, at in stored):
                 text = f"another grasp: {_place(along)}"
                 yield Change("grasp", 2, text, replace(own, grasp="new", along=along))
+
+
+def _record(failure: Failure, grasp: str) -> str:
+    held = [other.held for other in failure.others if other.grasp == grasp]
+    return f"held in {sum(held)} of {len(held)} attempts" if held else "is stored"
 
 
 def _place(along: float) -> str:

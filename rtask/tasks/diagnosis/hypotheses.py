@@ -25,7 +25,9 @@ _CODES = 38.0
 
 _REPORTS: Mapping[str, Mapping[str, float]] = {
     "centre_of_mass": {"slip_lift": 0.4, "slip_hold": 0.3, "slip_transport": 0.1, "touched": 0.03},
-    "weak_zone": {"crushed": 0.3, "came_apart": 0.2, "slip_lift": 0.25, "slip_hold": 0.1},
+    # A hand that closes through an end that gives way reports that nothing is in it.
+    "weak_zone": {"missed": 0.25, "crushed": 0.2, "came_apart": 0.15, "slip_lift": 0.2,
+                  "slip_hold": 0.08},
     "slippery": {"slip_lift": 0.5, "slip_hold": 0.3, "slip_transport": 0.12},
     "fragile": {"crushed": 0.7, "came_apart": 0.15},
     "poor_grasp": {"missed": 0.2, "slip_lift": 0.25, "touched": 0.12, "pushed_away": 0.1,
@@ -106,7 +108,10 @@ def report_chance(kind: str, code: str) -> float:
 def hypotheses_of(failure: Failure) -> list[Hypothesis]:
     """Return the causes that a failure may have."""
     own = failure.tried
-    result = [Hypothesis(kind, prior, _share_of(kind, own)) for kind, prior in _PRIORS.items()]
+    result = [
+        Hypothesis(kind, prior, _of_unknown(failure) if kind == UNKNOWN else _share_of(kind, own))
+        for kind, prior in _PRIORS.items()
+    ]
     if failure.length and own.along is not None:
         result += _hidden_along(own, failure.length)
     else:
@@ -167,10 +172,26 @@ def _share_of(kind: str, own: Try) -> Share:
             and (own.place or tried.thing == own.thing) else 1.0
         ),
         "chance": lambda tried: 1.0,
-        # Nothing is known that would help against it, and other occasions say nothing about it.
-        UNKNOWN: lambda tried: 1.0 if tried.is_other else _SOMETIMES,
     }  # fmt: skip
     return shares[kind]
+
+
+def _of_unknown(failure: Failure) -> Share:
+    """Return the share for a cause that nobody thought of.
+
+    Other occasions say nothing about it, and nothing is known that would help against it but what
+    has helped since.
+    """
+    helped = {
+        (other.hand.kind, other.grasp)
+        for other in failure.others
+        if other.held and other.is_since and other.grasp and other.product == failure.tried.product
+    }
+
+    def share(tried: Try) -> float:
+        return 1.0 if tried.is_other or (tried.hand.kind, tried.grasp) in helped else _SOMETIMES
+
+    return share
 
 
 def _of_occasion(own: Try, cure: str, otherwise: float) -> Share:

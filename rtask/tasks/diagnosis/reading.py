@@ -6,9 +6,9 @@ import datetime as dt
 import json
 from typing import Any
 
-from rtask.errors import DataError, UnknownTermError
+from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES, local_name
-from rtask.rdf.terms import NamedNode, iri
+from rtask.rdf.terms import NamedNode, literal
 from rtask.sparql.results import Row
 from rtask.tasks.actions import Select
 from rtask.tasks.diagnosis.attempt import Failure, Hand, Try
@@ -24,6 +24,8 @@ SELECT ?attempt ?step ?ok ?ended WHERE {
   { BIND(%(s)s AS ?attempt) ?attempt rt:hasOutcome ?any
     OPTIONAL { ?step rt:carriedOutBy ?attempt } }
   UNION { %(s)s rt:hasSubTask* ?step . ?step rt:carriedOutBy|rt:through ?attempt }
+  UNION { ?task rt:handles %(s)s ; rt:through ?attempt }
+  UNION { ?attempt rt:handlesExemplar %(s)s }
   ?attempt rt:hasOutcome ?outcome . ?outcome rt:success ?said
   OPTIONAL { ?outcome rt:judgedSuccess ?judged } BIND(COALESCE(?judged, ?said) AS ?ok)
   OPTIONAL { ?attempt prov:endedAtTime ?ended }
@@ -65,13 +67,14 @@ SELECT DISTINCT * WHERE {
 _OTHERS = (
     """
 SELECT DISTINCT ?attempt ?ok ?product ?hand ?robot ?name ?kind ?opening ?payload ?force ?finger
-  ?grasp ?along WHERE {
+  ?grasp ?along ?ended WHERE {
   { ?task rt:handles %s ; rt:through ?attempt } UNION { ?attempt rt:activates %s }
   ?attempt rt:hasOutcome ?outcome ; rt:activates ?hand ; rt:performedBy ?robot .
   ?outcome rt:judgedSuccess ?ok .
   ?through rt:through ?attempt ; rt:handles ?product
   OPTIONAL { ?attempt rt:executesGrasp ?grasp
     OPTIONAL { ?grasp rt:graspPose [ rt:x ?along ; rt:theta ?turn ] } }
+  OPTIONAL { ?attempt prov:endedAtTime ?ended }
   OPTIONAL { ?hand """
     + _HAND
     + """ }
@@ -105,21 +108,22 @@ SELECT DISTINCT ?hand ?robot ?name ?kind ?opening ?payload ?force ?finger WHERE 
 
 
 def read_failure(select: Select, subject: str) -> Failure:
-    """Return what failed under an IRI: an attempt, a task, a planned step or a stored plan.
+    """Return what failed: an attempt, a task, a planned step, a stored plan, or at an object.
+
+    Parameters
+    ----------
+    subject
+        Its IRI; of an object also its name. Of an object the latest attempt that failed is meant.
 
     Raises
     ------
     UnknownTermError
-        Nothing under this IRI was attempted or ended.
+        Nothing of this name was attempted or ended.
+    UsageError
+        Several objects have this name.
     """
-    try:
-        node = str(iri(subject))
-    except DataError:
-        raise UnknownTermError(
-            f"{subject!r} is no IRI: attempts, steps and plans have no other name; `rtask tasks` "
-            "lists plans, `rtask history` what was written",
-            field="subject",
-        ) from None
+    subject = _iri_of(select, subject)
+    node = str(NamedNode(subject))
     latest = next(iter(select(PREFIXES + _SUBJECT % {"s": node})), None)
     step = next(iter(select(PREFIXES + _STEP % {"s": node})), None)
     attempt = "" if latest is None else str(latest.value("attempt"))
@@ -134,6 +138,29 @@ def read_failure(select: Select, subject: str) -> Failure:
     if step is not None:
         tried, more = _with_step(select, tried, more, step)
     return _around(select, subject, attempt, tried, more)
+
+
+def _iri_of(select: Select, subject: str) -> str:
+    """Return the IRI that is given, or that of the object with this name."""
+    try:
+        return NamedNode(subject).value
+    except ValueError:
+        pass
+    query = f"?s a rt:ManipulableObject ; rt:name {literal(subject)}"
+    rows = select(f"{PREFIXES}SELECT DISTINCT ?s WHERE {{ {query} }} ORDER BY ?s LIMIT 20")
+    objects = [str(row.value("s")) for row in rows]
+    if not objects:
+        raise UnknownTermError(
+            f"{subject!r} is no IRI, and no object in the graph has this name; `rtask tasks` lists "
+            "plans, `rtask objects list` objects",
+            field="subject",
+        )
+    if len(objects) > 1:
+        raise UsageError(
+            f"{len(objects)} objects are called {subject!r}; give the IRI: {', '.join(objects)}",
+            field="subject",
+        )
+    return objects[0]
 
 
 def _is_of_other_step(latest: Row | None, step: Row) -> bool:
@@ -208,6 +235,7 @@ def _around(
     select: Select, subject: str, attempt: str, tried: Try, more: dict[str, Any]
 ) -> Failure:
     length = width = mass = None
+    begun = _time(more.get("begun"))
     others: tuple[Try, ...] = ()
     is_cut = False
     grasps: tuple[tuple[str, str, float], ...] = ()
@@ -219,8 +247,8 @@ def _around(
             (_text(row, "grasp"), _text(row, "kind"), _number(row, "along") or 0.0)
             for row in select(PREFIXES + _GRASPS % product)
         )
-        others, is_cut = _others(select, product, attempt, tried)
-    age_s, is_elsewhere, place = _placements(select, tried, _time(more.get("begun")))
+        others, is_cut = _others(select, product, attempt, tried, begun)
+    age_s, is_elsewhere, place = _placements(select, tried, begun)
     place = tried.place or place
     tried = Try(
         tried.hand, tried.product, tried.thing, tried.grasp, place, tried.along, tried.held,
@@ -237,7 +265,9 @@ def _around(
     )  # fmt: skip
 
 
-def _others(select: Select, product: str, attempt: str, tried: Try) -> tuple[tuple[Try, ...], bool]:
+def _others(
+    select: Select, product: str, attempt: str, tried: Try, begun: dt.datetime | None
+) -> tuple[tuple[Try, ...], bool]:
     """Return the latest other attempts, and whether there are earlier ones."""
     hand = str(NamedNode(tried.hand.iri)) if tried.hand.iri else _NOTHING
     rows = list(select(PREFIXES + _OTHERS % (product, hand, _MAX_OTHERS + 1)))
@@ -245,9 +275,11 @@ def _others(select: Select, product: str, attempt: str, tried: Try) -> tuple[tup
     for row in rows[:_MAX_OTHERS]:
         iri = _text(row, "attempt")
         if iri != attempt and iri not in seen:
+            ended = _time(row.value("ended"))
             seen[iri] = Try(
                 _hand(row), _text(row, "product"), grasp=_text(row, "grasp"),
                 along=_number(row, "along"), held=row.value("ok") is True, is_other=True,
+                is_since=begun is not None and ended is not None and ended > begun,
             )  # fmt: skip
     return tuple(seen.values()), len(rows) > _MAX_OTHERS
 

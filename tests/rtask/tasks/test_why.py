@@ -67,6 +67,27 @@ def test_a_centre_of_mass_is_told_from_a_slippery_thing_by_where_it_held(engine)
     assert 0.02 < answer.change.along < 0.1, answer.text
 
 
+def test_an_object_is_asked_about_by_its_name(engine):
+    tried(engine, NAO, -0.08, "slip_hold")
+    (row,) = engine.kb.select(f"{PREFIXES} SELECT ?n WHERE {{ <{PEN}> rt:name ?n }}")
+    by_name = engine.call("explain_failure", {"subject": str(row.value("n"))}, ANN)
+    assert by_name.reason == "slip_hold"
+    assert by_name.text == engine.call("explain_failure", {"subject": PEN}, ANN).text
+    for wrong in ("no such pen", "x y", ">} ."):
+        with pytest.raises(UnknownTermError, match="no object in the graph has this name"):
+            engine.call("explain_failure", {"subject": wrong}, ANN)
+
+
+def test_a_weak_end_closes_under_the_hand_which_reports_that_it_missed(engine):
+    failed = tried(engine, NAO, -0.04, "missed")
+    tried(engine, NAO, 0.0, "missed")
+    for who in (NAO, PANDA):
+        tried(engine, who, 0.08)
+    answer = engine.call("explain_failure", {"subject": failed}, ANN)
+    assert answer.causes[0].kind == "weak_zone", answer.text
+    assert "held in 1 of 1 attempts" in answer.change.text, answer.text  # of hands of its kind
+
+
 def test_attempts_that_are_not_taken_into_account_are_announced(engine, monkeypatch):
     for along in (0.04, 0.07, 0.05):
         tried(engine, PANDA, along)

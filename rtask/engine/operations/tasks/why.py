@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from rtask.engine.operations.operation import operation
 from rtask.tasks import Tasks
 from rtask.wire.message import Answer, Message
-from rtask.wire.types import Iri
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -19,8 +18,9 @@ __all__ = ["ExplainFailure", "FailureExplained", "explain_failure"]
 class ExplainFailure(Message):
     """Something that failed."""
 
-    subject: Iri
-    """IRI of an attempt, a task, a step of a plan, or a stored plan"""
+    subject: str
+    """IRI of an attempt, a task, a step of a plan or a stored plan, or an object's IRI or name: its
+    latest attempt that failed"""
 
 
 class FailureCause(Answer):
