@@ -14,7 +14,7 @@ __all__ = ["example_goals"]
 
 _MOST = 500
 _NUMBER = re.compile(r"[-_ ]*\d+$")
-_WHERE_THINGS_ARE = f"""{PREFIXES}
+_LOCATED = f"""{PREFIXES}
 SELECT DISTINCT ?name ?place WHERE {{
   ?thing rt:exemplarOf/rt:name ?name ; rt:locatedOn ?where .
   ?where rt:name ?place
@@ -35,7 +35,7 @@ def example_goals(select: Select, base: str = "") -> list[str]:
     base
         What ``kb:`` stands for.
     """
-    rows = select(_WHERE_THINGS_ARE)
+    rows = select(_LOCATED)
     located = [(str(row.value("name")), str(row.value("place"))) for row in rows]
     goals = dict.fromkeys(_sentences(located))
     return [goal for goal in goals if _is_readable(select, goal, base)]

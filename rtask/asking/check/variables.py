@@ -268,7 +268,7 @@ class _Connections:
         Of the query.
     """
 
-    _ONE_ROW = "one row"
+    _SINGLE_ROW = "one row"
 
     def __init__(self, outline: Outline) -> None:
         self._parent: dict[str, str] = {}
@@ -286,7 +286,7 @@ class _Connections:
             self._join_edges(group)
             self._join_expressions(group)
             if id(group) in totals:
-                self._join([self._ONE_ROW, *_mentions(group)])
+                self._join([self._SINGLE_ROW, *_mentions(group)])
         if totals:
             self._let_totals_pass()
 
@@ -343,10 +343,10 @@ class _Connections:
 
     def _let_totals_pass(self) -> None:
         """Connect sub-selects of one row, such as a count, with the rest: they go with anything."""
-        total = self._root(self._ONE_ROW)
+        total = self._root(self._SINGLE_ROW)
         other = next((name for name in self._places if self._root(name) != total), None)
         if other is not None:
-            self._join([other, self._ONE_ROW])
+            self._join([other, self._SINGLE_ROW])
 
 
 def _bridges(outline: Outline) -> Iterator[Finding]:

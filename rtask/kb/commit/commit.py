@@ -19,7 +19,7 @@ from rtask.rdf.terms import GraphName, NamedNode
 
 __all__ = ["MAX_EMPTIED", "MAX_QUADS", "Change", "Commit", "RecentChanges", "Request"]
 
-_KEPT = 1_000
+_REMEMBERED = 1_000
 MAX_QUADS = 200_000
 MAX_EMPTIED = 2_000_000
 """Statements that a commit may remove by emptying whole graphs."""
@@ -91,7 +91,7 @@ class RecentChanges:
     """
 
     def __init__(self) -> None:
-        self._changes: deque[tuple[int, frozenset[GraphName]]] = deque(maxlen=_KEPT)
+        self._changes: deque[tuple[int, frozenset[GraphName]]] = deque(maxlen=_REMEMBERED)
 
     def note(self, change: Change) -> None:
         """Take note of a commit that was stored."""

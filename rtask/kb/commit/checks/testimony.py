@@ -73,8 +73,8 @@ def require_own_testimony(
 
 
 def _matters(predicate: NamedNode) -> bool:
-    is_told = predicate.value.startswith((ontology.NS, RDFS.label.value))
-    return is_told or predicate in _ABOUT_VALUE or predicate in _CLASSES
+    is_stated = predicate.value.startswith((ontology.NS, RDFS.label.value))
+    return is_stated or predicate in _ABOUT_VALUE or predicate in _CLASSES
 
 
 def _robot_described(quad: Quad, graphs: Graphs) -> str | None:
