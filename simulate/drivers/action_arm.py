@@ -131,7 +131,7 @@ class ActionArm(FollowingArm):
             until = time.monotonic() + way.duration + _SPARE_S
             while (now := time.monotonic()) < until:
                 # A driver that died sends no end; its joint states end, too.
-                watch.check_alive()
+                watch.check()
                 if ended.wait(max(min(until, watch.deadline) - now, 0.0)):
                     return ends[0]
         finally:

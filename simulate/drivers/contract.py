@@ -25,6 +25,7 @@ __all__ = [
     "ARRIVED_RAD",
     "REST_S",
     "JointLimits",
+    "OneSource",
     "RosVersion",
     "check_arrival",
     "check_at_goal",
@@ -33,6 +34,7 @@ __all__ = [
     "check_positions",
     "check_unmoved",
     "goal_id",
+    "number_in",
     "read_state",
     "settled_joints",
     "stamp_of",
@@ -58,6 +60,7 @@ ARRIVED_RAD = 0.05
 """How far a joint may be from its goal."""
 _SAME_RAD = 0.05
 _MOVED_RAD = 0.02
+_BACK_RAD, _BACK_S = 0.05, 0.15
 """From here on, an arm that has moved differs from one that has not, in spite of noise."""
 
 
@@ -84,6 +87,38 @@ class _State:
     positions: Floats
     velocities: Floats | None
     stamp_s: float
+
+
+class OneSource:
+    """Tells whether joint states come from one arm alone.
+
+    Two programs that publish on one topic, such as a robot and its shadow in simulation, take
+    turns: states go elsewhere and are back at once. No arm is; that its clock is another one hides
+    nothing, as times are compared with those of the same program.
+    """
+
+    def __init__(self) -> None:
+        self._former: list[tuple[float, Floats]] = []
+
+    def take(self, stamp_s: float, positions: Floats) -> None:
+        """Take the time and the joints (dof,), rad, of the next state.
+
+        Raises
+        ------
+        RobotError
+            It is where the state before the last one was, and that one was elsewhere.
+        """
+        if len(self._former) == 2:
+            (then_s, first), (_, between) = self._former
+            away = np.abs(between - positions).max()
+            back = np.abs(first - positions).max()
+            # Between turns, 50 ms may be gone there and back only at 40 rad/s2.
+            if away > _BACK_RAD and back < away / 2 and abs(stamp_s - then_s) < _BACK_S:
+                raise RobotError(
+                    f"the joint states jump by {away:.2f} rad and back: two programs publish "
+                    "states of these joints on one topic; stop one of them, or give each its own"
+                )
+        self._former = [*self._former[-1:], (stamp_s, positions)]
 
 
 def goal_id() -> str:
@@ -158,13 +193,13 @@ def read_state(
         )
     _check_time(message, now_s)
     rows = [names.index(name) for name in joints]
-    values = np.array([_number(positions[k]) for k in rows])
+    values = np.array([number_in(positions[k]) for k in rows])
     check_positions(values, joints, limits)
     rates = _listed(message, "velocity")
     velocities = None
     # Empty where a robot does not measure it, as the message allows.
     if len(rates) == len(names):
-        velocities = np.array([_number(rates[k]) for k in rows])
+        velocities = np.array([number_in(rates[k]) for k in rows])
     return _State(values, velocities, stamp_of(message))
 
 
@@ -238,6 +273,7 @@ def settled_joints(
     """
     until, complaint = time.monotonic() + wait_s, None
     before: _State | None = None
+    source = OneSource()
     # States that keep coming must not keep one here for good.
     while time.monotonic() < until and (message := next_message(until)) is not None:
         try:
@@ -251,6 +287,8 @@ def settled_joints(
             complaint = error
             before = None
             continue
+        # Not waited out: between two states of the slower one, the quicker one looks like an arm.
+        source.take(state.stamp_s, state.positions)
         if before is None:
             before = state
     if complaint is not None:
@@ -347,11 +385,11 @@ def stamp_of(message: Mapping[str, Any]) -> float:
     stamp = header.get("stamp") if isinstance(header, Mapping) else None
     if not isinstance(stamp, Mapping):
         return 0.0
-    seconds = _number(stamp.get("sec", stamp.get("secs", 0)))
-    return seconds + _number(stamp.get("nanosec", stamp.get("nsecs", 0))) / 1e9
+    seconds = number_in(stamp.get("sec", stamp.get("secs", 0)))
+    return seconds + number_in(stamp.get("nanosec", stamp.get("nsecs", 0))) / 1e9
 
 
-def _number(value: object) -> float:
+def number_in(value: object) -> float:
     """Return a number of a message; NaN where there is none, as JSON has no NaN."""
     # A bool is an int in Python, and no driver means 1 rad by true.
     if isinstance(value, bool) or not isinstance(value, int | float):

@@ -9,7 +9,8 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, NoReturn
 
@@ -35,10 +36,19 @@ HANDS = ("LHand", "RHand")
 log = logging.getLogger(__name__)
 
 _CALL_S, _SPARE_S, _TASK_S = 10.0, 5.0, 0.5
+_STATE_S, _STOPPED_S = 5.0, 2.0
 _KNOT_S = 0.08
 """ALMotion computes its own commands every 20 ms, and takes longer the more points it is given."""
 _HAND_S = 0.8
 _VGA, _RGB, _FPS = 2, 11, 5
+
+
+@dataclass(frozen=True)
+class _Unended:
+    """A motion that did not end yet: its joints, and its task where that is known."""
+
+    names: list[str]
+    tasks: frozenset[int] = frozenset()
 
 
 class NaoqiArm(FollowingArm):
@@ -85,6 +95,7 @@ class NaoqiArm(FollowingArm):
         self._session = qi.Session()
         self._wait(self._session.connect(address, _async=True), "connecting", _CALL_S)
         self._motion = self._service("ALMotion")
+        self._unended: _Unended | None = None
         self._life_before: str | None = None
         try:
             self._take_over()
@@ -139,18 +150,33 @@ class NaoqiArm(FollowingArm):
     def measured(self) -> Floats:
         """Return the joints (dof,), rad, of the arm at rest, from two readings .1 s apart.
 
+        The arm has 5 s to come to rest: ALMotion ends a motion when its last command is out, and a
+        loaded arm is a little behind.
+
         Raises
         ------
         RobotError
-            One is not finite, outside its limits, or moves; or the robot's own clock stands still,
-            so that the values are old.
+            One is not finite, outside its limits, or goes on moving; or the robot's own clock
+            stands still, so that the values are old.
         """
+        return self._settled(self._motion, self._limits, _STATE_S)
+
+    def _settled(self, motion: Any, limits: JointLimits | None, wait_s: float) -> Floats:
+        until = time.monotonic() + wait_s
+        while True:
+            try:
+                return self._at_rest(motion, limits)
+            except RobotError:
+                if time.monotonic() >= until:
+                    raise
+
+    def _at_rest(self, motion: Any, limits: JointLimits | None) -> Floats:
         ticks = self._ticks()
-        before = np.array(self._angles(self._joints))
-        check_positions(before, self._joints, self._limits)
+        before = np.array(self._angles(motion, self._joints))
+        check_positions(before, self._joints, limits)
         time.sleep(REST_S)
-        angles = np.array(self._angles(self._joints))
-        check_positions(angles, self._joints, self._limits)
+        angles = np.array(self._angles(motion, self._joints))
+        check_positions(angles, self._joints, limits)
         # NAOqi goes on answering with the last angles when its sensors have stopped.
         if ticks is not None and ticks == self._ticks():
             raise RobotError(
@@ -168,14 +194,59 @@ class NaoqiArm(FollowingArm):
             return None  # a simulated robot has none
 
     def carry_out(self, way: Trajectory) -> None:
-        """Have the robot interpolate a motion, and wait; killed on every exit but its end."""
+        """Have the robot interpolate a motion, and wait."""
         knots = _knots(way)
         rows, times = way.positions[knots], way.times[knots].tolist()
         angles = [column.tolist() for column in rows.T]
         self._move(list(self._joints), angles, [times] * len(self._joints), way.duration)
 
     def stop(self) -> None:
-        """End nothing more: a motion that did not end by itself was killed by its task."""
+        """Kill this program's own motion, by a second connection if the first one does not serve.
+
+        Where the arm is not seen to rest afterwards, that is said.
+        """
+        if self._is_stopped(self._motion):
+            return
+        with contextlib.suppress(RemoteUnavailableError), self._connected() as motion:
+            if self._is_stopped(motion):
+                return
+        self._say(
+            f"nobody can tell whether the arm of {self._address} has stopped: "
+            "press the chest button"
+        )
+
+    @contextlib.contextmanager
+    def _connected(self) -> Iterator[Any]:
+        """Connect once more, and yield ALMotion."""
+        import qi
+
+        other = qi.Session()
+        try:
+            self._wait(other.connect(self._address, _async=True), "connecting", _CALL_S)
+            yield self._wait(other.service("ALMotion", _async=True), "ALMotion", _CALL_S)
+        finally:
+            other.close()
+
+    def _is_stopped(self, motion: Any) -> bool:
+        """Kill the motion that has not ended, and return whether the arm is seen to rest."""
+        try:
+            if (left := self._unended) is not None:
+                for task in left.tasks:
+                    self._call(motion, "killTask", task)
+                # Too much is stopped rather than too little, where the task is not known or does
+                # not end.
+                if not left.tasks or not self._rests(motion):
+                    self._call(motion, "killTasksUsingResources", left.names)
+            return self._rests(motion)
+        except RemoteUnavailableError:
+            return False
+
+    def _rests(self, motion: Any) -> bool:
+        try:
+            self._settled(motion, None, _STOPPED_S)
+        except RobotError:
+            return False
+        return True
 
     def _move(
         self,
@@ -186,73 +257,50 @@ class NaoqiArm(FollowingArm):
     ) -> None:
         """Interpolate joints along angles (rad, or 0 to 1 for hands) at times (s), and wait."""
         # Before the motion, so that its own task can be told from those of others.
-        is_absolute, others = True, self._tasks(self._motion)
+        is_absolute, others = True, self._tasks()
+        self._unended = _Unended(names)
         moving = self._begin(self._motion, "angleInterpolation", names, angles, times, is_absolute)
-        own: set[int] = set()
-        ended = False
         try:
-            own = self._own_tasks(moving, others)
+            self._unended = _Unended(names, self._own_tasks(moving, others))
             self._wait(moving, "angleInterpolation", duration + _SPARE_S)
-            ended = True
+            self._unended = None
         finally:
-            if not ended:
-                self._stop(moving, own, names)
+            if self._unended is not None:
+                # A future that has ended cannot be cancelled, which is what is wanted.
+                with contextlib.suppress(RuntimeError):
+                    moving.cancel()
 
-    def _tasks(self, motion: Any) -> set[int]:
-        """Return the numbers of all tasks that move the robot, whoever began them."""
+    def _tasks(self) -> frozenset[int]:
+        """Return the numbers of all interpolations of the robot, whoever began them."""
         try:
-            return {int(task[1]) for task in self._call(motion, "getTaskList")}
-        except RemoteUnavailableError:
-            return set()
+            told = self._call(self._motion, "getTaskList")
+            return frozenset(int(task[1]) for task in told if task[0] == "angleInterpolation")
+        except (RemoteUnavailableError, TypeError, ValueError, LookupError):
+            return frozenset()
 
-    def _own_tasks(self, moving: Any, others: set[int]) -> set[int]:
-        """Return the task that a motion just became; none if it ended before."""
+    def _own_tasks(self, moving: Any, others: frozenset[int]) -> frozenset[int]:
+        """Return the task that a motion just became; none if it ended before, or nobody knows."""
         # The call does not return its task's number: it is the one that was not there before.
         until = time.monotonic() + _TASK_S
         while moving.isRunning() and time.monotonic() < until:
-            own = self._tasks(self._motion) - others
+            own = self._tasks() - others
             if own:
-                return own
-        return set()
-
-    def _stop(self, moving: Any, own: set[int], names: list[str]) -> None:
-        """End the motion of this program, by a second connection if the first one is lost."""
-        # A future that has ended cannot be cancelled, which is what is wanted.
-        with contextlib.suppress(RuntimeError):
-            moving.cancel()
-        try:
-            self._kill(self._motion, own, names)
-        except RemoteUnavailableError:
-            import qi
-
-            other = qi.Session()
-            try:
-                self._wait(other.connect(self._address, _async=True), "connecting", _CALL_S)
-                found = self._wait(other.service("ALMotion", _async=True), "ALMotion", _CALL_S)
-                self._kill(found, own, names)
-            except RemoteUnavailableError:
-                self._say(
-                    f"nobody can tell whether the arm of {self._address} has stopped: "
-                    "press the chest button"
-                )
-            finally:
-                other.close()
-
-    def _kill(self, motion: Any, own: set[int], names: list[str]) -> None:
-        """End tasks; without knowing which, all that use these joints: stopping comes first."""
-        for task in own:
-            self._call(motion, "killTask", task)
-        # Too much is stopped rather than too little.
-        if not own:
-            self._call(motion, "killTasksUsingResources", names)
+                # Another program began at the same moment: no number can be told to be ours.
+                return own if len(own) == 1 else frozenset()
+        return frozenset()
 
     def move_hand(self, opening: float) -> None:
         """Drive the hand towards an opening, 0 (closed) to 1; what it holds stops it."""
-        self._move([self._hand], [[float(opening)]], [[_HAND_S]], _HAND_S)
+        try:
+            self._move([self._hand], [[float(opening)]], [[_HAND_S]], _HAND_S)
+        # Ctrl-C as well, as for the arm.
+        except BaseException:
+            self.stop()
+            raise
 
     def opening(self) -> float:
         """Return the measured opening of the hand, 0 to 1."""
-        return self._angles([self._hand])[0]
+        return self._angles(self._motion, [self._hand])[0]
 
     def picture(self, camera: int = 0) -> NDArray[np.uint8]:
         """Return what a camera sees, (480, 640, 3) uint8, RGB.
@@ -287,9 +335,9 @@ class NaoqiArm(FollowingArm):
             self._call(video, "unsubscribe", handle)
         return pixels.reshape(height, width, layers)
 
-    def _angles(self, names: Sequence[str]) -> list[float]:
+    def _angles(self, motion: Any, names: Sequence[str]) -> list[float]:
         use_sensors = True
-        told = self._call(self._motion, "getAngles", list(names), use_sensors)
+        told = self._call(motion, "getAngles", list(names), use_sensors)
         try:
             angles = [float(value) for value in told]
         except (TypeError, ValueError):

@@ -23,7 +23,7 @@ from simulate.drivers.contract import (
     settled_joints,
 )
 from simulate.drivers.following import FollowingArm
-from simulate.drivers.rosbridge_goals import GoalEnd, goals_of
+from simulate.drivers.rosbridge_goals import GoalEnd, goals_of, is_topic
 from simulate.drivers.watch import MotionWatch
 from simulate.motion.goal_course import named
 from simulate.motion.joint_messages import goal_message
@@ -187,7 +187,7 @@ class RosbridgeArm(FollowingArm):
                 self._link.send(**message)
             until = time.monotonic() + way.duration + _SPARE_S
             while (now := time.monotonic()) < until:
-                watch.check_alive()
+                watch.check()
                 came = self._link.next(max(min(until, watch.deadline), now))
                 if came is None:
                     continue
@@ -251,7 +251,7 @@ class RosbridgeArm(FollowingArm):
     def _state_in(self, message: Mapping[str, Any]) -> dict[str, Any] | None:
         """Return the joint state in a message, unless it tells of other joints than the arm's."""
         state = message.get("msg") if message.get("op") == "publish" else None
-        if message.get("topic") != self._topic or not isinstance(state, dict):
+        if not is_topic(message, self._topic) or not isinstance(state, dict):
             return None
         # What is no list of names is passed on: whoever reads the state says what is wrong with it.
         names = state.get("name")

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 from simulate.drivers.contract import RosVersion
 
-__all__ = ["GoalEnd", "Goals", "goals_of"]
+__all__ = ["GoalEnd", "Goals", "goals_of", "is_topic"]
 
 Messages = list[dict[str, Any]]
 
@@ -53,6 +53,12 @@ class Goals(Protocol):
 def goals_of(ros: RosVersion, action: str) -> Goals:
     """Return the messages for an action behind the bridge of a version of ROS."""
     return _Ros1Goals(action) if ros == 1 else _Ros2Goals(action)
+
+
+def is_topic(message: Mapping[str, Any], topic: str) -> bool:
+    """Tell whether a message is of a topic, whose name some bridges complete to a global one."""
+    named = message.get("topic")
+    return isinstance(named, str) and named.lstrip("/") == topic.lstrip("/")
 
 
 @dataclass(frozen=True)
@@ -107,7 +113,7 @@ class _Ros1Goals:
         return [{"op": "publish", "topic": f"{self.action}/cancel", "msg": message}]
 
     def end(self, goal: str, message: Mapping[str, Any]) -> GoalEnd | None:
-        if message.get("op") != "publish" or message.get("topic") != f"{self.action}/result":
+        if message.get("op") != "publish" or not is_topic(message, f"{self.action}/result"):
             return None
         about = message.get("msg")
         status = about.get("status") if isinstance(about, dict) else None

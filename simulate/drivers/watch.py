@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.drivers.contract import stamp_of
+from simulate.drivers.contract import OneSource, number_in, stamp_of
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 
@@ -44,6 +44,7 @@ class MotionWatch:
         self._way, self._joints, self._clock = way, joints, clock
         self._farthest = np.zeros(len(joints))
         self._newest_stamp, self._taken = 0.0, 0
+        self._source, self._complaint = OneSource(), ""
         self._heard_s = clock()
 
     @property
@@ -54,27 +55,35 @@ class MotionWatch:
     def take(self, message: Mapping[str, Any]) -> None:
         """Take a sensor_msgs/JointState; what is incomplete, not new or not finite is no sign."""
         stamp = stamp_of(message)
-        if not stamp > self._newest_stamp:
-            return
-        values = dict(zip(message.get("name") or (), message.get("position") or (), strict=False))
         try:
-            now = np.array([float(values[name]) for name in self._joints])
-        except (KeyError, TypeError, ValueError, OverflowError):
+            values = dict(zip(message["name"], message["position"], strict=False))
+            now = np.array([number_in(values[name]) for name in self._joints])
+        except (KeyError, TypeError):
             return
         if not np.isfinite(now).all():
+            return
+        try:
+            self._source.take(stamp, now)
+        except RobotError as error:
+            self._complaint = str(error)
+        if not stamp > self._newest_stamp:
             return
         self._newest_stamp, self._heard_s = stamp, self._clock()
         self._taken += 1
         self._farthest = np.maximum(self._farthest, np.abs(now - self._way.positions[0]))
 
-    def check_alive(self) -> None:
-        """Check that states keep coming.
+    def check(self) -> None:
+        """Check that states keep coming, and from this arm alone.
 
         Raises
         ------
+        RobotError
+            They are those of two arms.
         RemoteUnavailableError
             None came for 3 s.
         """
+        if self._complaint:
+            raise RobotError(self._complaint)
         if self._clock() >= self.deadline:
             raise RemoteUnavailableError(
                 f"no new joint state came for {_SILENT_S:g} s during the motion: the link, or the "
@@ -94,8 +103,10 @@ class MotionWatch:
         Raises
         ------
         RobotError
-            The states hardly changed.
+            The states hardly changed, or are those of two arms.
         """
+        if self._complaint:
+            raise RobotError(self._complaint)
         planned = np.abs(self._way.positions - self._way.positions[0]).max(axis=0)
         widest = int(planned.argmax())
         if planned[widest] < _EXCURSION_RAD or self._taken < _FEWEST:

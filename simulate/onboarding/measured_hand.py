@@ -20,6 +20,7 @@ _TOOL_ABOVE_TIP_M = 0.009
 _MIN_STROKE_M = 0.008
 _ALIGNED = 0.94
 """Cosine of the angle below which a direction is taken to be the wrist's axis."""
+_JAW_ALIGNED = 0.97
 _SAME, _NEAR_FRAME, _SQUARE, _AGREEING = 0.9986, 0.82, 0.9, 0.996
 """Cosines: an axis of the fingers' frames is the wrist's; or may be so far from the way to the
 tips, from square to the closing axis, and from that of the other finger."""
@@ -107,7 +108,8 @@ def measured_jaw(robot: RobotDescription, wrist: str, jaw: SingleJaw) -> Measure
         [jaw.fixed, points_of(robot, link, link_poses(wrist, [jaw.joint], ends)[link])]
         for ends in (closed, opened)
     )
-    approach = _as_wrist_axis(robot, wrist, jaw.approach)
+    # Jaws are measured to some 11 degrees: what is farther from the wrist's axis was built so.
+    approach = _as_wrist_axis(robot, wrist, jaw.approach, _JAW_ALIGNED)
     across = np.cross(jaw.approach, jaw.closing)
     axes = (approach, np.cross(across, approach))
     hand = _measured(robot, wrist, (jaw.joint,), (near, wide), axes, closed, opened)

@@ -172,9 +172,8 @@ def with_holding(
         sure = _UNSURE + (1 - _UNSURE) * candidate.scores.get("confidence", 1.0)
         middle = candidate.centre if candidate.contacts is None else candidate.contacts.mean(axis=0)
         scores = {name: float(mean[i]) * sure for name, mean in means.items()}
-        scores["load"] = float(demand.force[i].mean())
-        scores |= promises.of(scores)
+        scores |= {"load": float(demand.force[i].mean()), "taper": float(taper[i])}
         lever = float(np.linalg.norm(middle - mesh.com))
-        scores |= {"lever": lever, "patch": float(patch[i]), "taper": float(taper[i])}
+        scores |= {**promises.of(scores), "lever": lever, "patch": float(patch[i])}
         scored.append(replace(candidate, scores={**candidate.scores, **scores}))
     return scored

@@ -44,12 +44,21 @@ __all__ = ["grasp_quality"]
     type=click.IntRange(0, 1000),
     help="Generated hands instead of the Panda's and the NAO's: fits what the factory promises.",
 )
+@click.option(
+    "--public",
+    default=None,
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    help="Folder of public models alone: NAME/NAME.urdf, as in pybullet's random_urdfs.",
+)
+@click.option("--fit", is_flag=True,
+    help="Fit what the factory promises of these two hands, from the generated objects.",
+)  # fmt: skip
 @click.option("--varied", is_flag=True,
     help="Objects of a wider family: not convex, thin-walled, with handles, small, long, light.",
 )  # fmt: skip
 def grasp_quality(
     objects: int, trials: int, seed: int, ycb: Path | None, ranked: int, alone: bool, made: int,
-    varied: bool,
+    varied: bool, public: Path | None, fit: bool,
 ) -> Study:  # fmt: skip
     """Compare planned grasps with a trivial sampler's: lifted and shaken under pose errors.
 
@@ -62,5 +71,6 @@ def grasp_quality(
 
     models = str(ycb.resolve()) if ycb else ""
     return quality_study(
-        objects, trials, seed, models, ranked=ranked, alone=alone, made=made, varied=varied
-    )
+        objects, trials, seed, models, ranked=ranked, alone=alone, made=made, varied=varied,
+        public=str(public.resolve()) if public else "", fit=fit,
+    )  # fmt: skip

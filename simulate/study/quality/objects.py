@@ -1,4 +1,4 @@
-"""Objects of convex parts for the comparison of grasps: generated ones and models of the YCB set.
+"""Objects of convex parts for the comparison of grasps: generated ones.
 
 Ten families of generated objects imitate machined parts and what a household holds. Planner and
 physics see the same parts.
@@ -6,7 +6,6 @@ physics see the same parts.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -20,13 +19,11 @@ from scipy.spatial.transform import Rotation
 
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.meshes.mesh import Mesh, as_mesh
-from rtask.errors import UsageError
 from simulate.robots.description import Floats
 from simulate.world.seeds import stream
 
 __all__ = [
     "FAMILIES", "GraspObject", "centred", "cuboid", "fits", "frustum", "generated", "heaviest",
-    "ycb_models",
 ]  # fmt: skip
 
 _AROUND = 16
@@ -141,36 +138,6 @@ def fits(item: GraspObject, gripper: ParallelGripper) -> bool:
     narrowest = min(float(np.ptp(np.vstack(item.parts), axis=0)[k]) for k in range(3))
     light = item.mass <= _WEIGHT_SHARE[1] * heaviest(gripper)
     return light and narrowest < gripper.max_opening
-
-
-def ycb_models(folder: Path) -> list[GraspObject]:
-    """Return the models of a folder of YCB objects, in the order of their names.
-
-    Parameters
-    ----------
-    folder
-        Has for each NAME ``NAME.urdf`` with the mass and ``NAME/*coacd*.stl``, its convex parts.
-
-    Raises
-    ------
-    UsageError
-        When there is none.
-    """
-    import trimesh
-
-    models = []
-    for urdf in sorted(folder.glob("*.urdf")):
-        parts = []
-        for path in sorted((folder / urdf.stem).glob("*coacd*.stl")):
-            points = np.asarray(trimesh.load_mesh(path).vertices, dtype=np.float64)
-            if len(points) >= 4 and np.ptp(points, axis=0).min() > 1e-4:
-                parts.append(points[ConvexHull(points).vertices])
-        mass = re.search(r'mass value="([\d.e+-]+)"', urdf.read_text("utf-8"))
-        if parts and mass is not None and float(mass.group(1)) > 0:
-            models.append(centred(urdf.stem, parts, float(mass.group(1))))
-    if not models:
-        raise UsageError(f"{folder} holds no NAME.urdf with parts NAME/*coacd*.stl")
-    return models
 
 
 def cuboid(low: ArrayLike, high: ArrayLike) -> Floats:

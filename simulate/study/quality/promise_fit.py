@@ -35,9 +35,14 @@ class TriedGrasp:
     hand: ParallelGripper
     score: float
     load: float
+    taper: float | None
     held: int
     trials: int
     is_pick: bool
+
+    def chance_by(self, factory: FactoryMap) -> float:
+        """Return the chance that a map makes of it."""
+        return factory.chance(self.score, self.load, self.hand.max_opening, self.taper)
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,8 @@ def tried_grasps(
                 held = [bool(h) for h in tried[outcome]]
                 hand, at = studied_hand(result["hand"]), float(scores[score])
                 load = float(scores["load"])
-                grasps.append(TriedGrasp(hand, at, load, sum(held), len(held), is_pick))
+                taper = scores.get("taper")
+                grasps.append(TriedGrasp(hand, at, load, taper, sum(held), len(held), is_pick))
     return grasps
 
 
@@ -127,7 +133,9 @@ def _weight(trials: int, likeness: float) -> float:
 def _fit_factory(
     factory: FactoryMap, grasps: Sequence[TriedGrasp], own: Mapping[str, ScoreMap], likeness: float
 ) -> FactoryMap:
-    basis = np.array([FactoryMap.terms(g.score, g.load, g.hand.max_opening) for g in grasps])
+    basis = np.array([
+        FactoryMap.terms(g.score, g.load, g.hand.max_opening, g.taper) for g in grasps
+    ])  # fmt: skip
     offset = np.array([own[g.hand.name].offset for g in grasps])
     slope = np.array([own[g.hand.name].slope for g in grasps])
     held, trials = np.array([(g.held, g.trials) for g in grasps], dtype=np.float64).T
@@ -146,10 +154,10 @@ def _fit_factory(
         )
 
     free = (None, None)
-    bounds = [free, (0, None), (0, None), (None, 0), free]
+    bounds = [free, (0, None), (0, None), (None, 0), free, (None, 0)]
     best = minimize(loss, np.array(factory.numbers), jac=True, method="L-BFGS-B", bounds=bounds).x
     numbers = [float(number) for number in best]
-    names = ("offset", "above", "below", "load", "stroke")
+    names = ("offset", "above", "below", "load", "stroke", "taper")
     return replace(factory, **dict(zip(names, numbers, strict=True)))
 
 
@@ -158,7 +166,7 @@ def _own_map(
 ) -> ScoreMap:
     outcomes, weights = [], []
     for g in grasps:
-        chance = factory.chance(g.score, g.load, g.hand.max_opening)
+        chance = g.chance_by(factory)
         for held, count in ((True, g.held), (False, g.trials - g.held)):
             outcomes.append((chance, held))
             weights.append(count * _weight(g.trials, likeness))
@@ -171,7 +179,7 @@ def _likeness(
     """Return the correlation of outcomes of one grasp, by moments."""
     over, pairs = 0.0, 0.0
     for g in grasps:
-        p = own[g.hand.name].chance(factory.chance(g.score, g.load, g.hand.max_opening))
+        p = own[g.hand.name].chance(g.chance_by(factory))
         spread = p * (1 - p)
         if g.trials > 1 and spread > _SURE:
             over += (g.held - g.trials * p) ** 2 - g.trials * spread
@@ -182,7 +190,7 @@ def _likeness(
 def _shortfall(factory: FactoryMap, grasps: Sequence[TriedGrasp]) -> float:
     """Return how many spreads nine of ten picks stay at most below their chance."""
     picks = [g for g in grasps if g.is_pick]
-    chances = np.array([factory.chance(g.score, g.load, g.hand.max_opening) for g in picks])
+    chances = np.array([g.chance_by(factory) for g in picks])
     shares = np.array([g.held / g.trials for g in picks])
     spread = np.array([chance_spread(float(chance)) for chance in chances])
     return band_margin((chances - shares) / spread, np.zeros(len(picks)), _COVERAGE)

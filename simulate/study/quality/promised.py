@@ -38,11 +38,14 @@ def scores_of(result: Mapping[str, Any], scores: Mapping[str, float]) -> dict[st
 def coverage_of(results: Results) -> dict[str, Any]:
     """Return the share of objects with a planned grasp, of those that any rule found a grasp of.
 
-    An object without a planned grasp counts as one that did not hold. Where nothing was compared
-    with the plan, all objects count as graspable.
+    An object without a planned grasp counts as one that did not hold. Where results do not say
+    whether the sampler found a grasp, the object counts as graspable.
     """
     alone = all(set(result["rules"]) <= {_PLANNED} for result in results)
-    graspable = [result for result in results if alone or result["rules"]]
+    graspable = [
+        result for result in results
+        if result["rules"] or (alone and result.get("graspable", True))
+    ]  # fmt: skip
     return share(sum(_PLANNED in result["rules"] for result in graspable), len(graspable))
 
 
@@ -90,6 +93,7 @@ def promise_figures(results: Results, outcome: str, score: str) -> dict[str, Any
         "gap_by_factory": round(abs(float(mapped.mean()) - float(every.mean())), 4),
         "quarters": quarters,
         "widest_gap": _widest(quarters),
+        "chance_gap": _chance_gap(chances, trials),
         "former_widest_gap": _widest(_quarters(former, shares)),
         "less_former": mean_interval((chances - shares) ** 2 - (former - shares) ** 2),
         **_after_own_outcomes(before, scores, held, score),
@@ -108,6 +112,7 @@ def _quarters(chances: FloatArray, shares: FloatArray) -> list[dict[str, Any]]:
         {
             "promised": round(float(chances[part].mean()), 4),
             "held": round(float(shares[part].mean()), 4),
+            "gap_interval95": mean_interval((chances - shares)[part])["interval95"],
             "n": len(part),
         }
         for part in np.array_split(order, _QUARTERS)
@@ -118,6 +123,18 @@ def _quarters(chances: FloatArray, shares: FloatArray) -> list[dict[str, Any]]:
 def _widest(quarters: Sequence[Mapping[str, Any]]) -> float:
     gaps = [abs(float(quarter["promised"]) - float(quarter["held"])) for quarter in quarters]
     return round(max(gaps), 4)
+
+
+def _chance_gap(chances: FloatArray, trials: NDArray[np.int64]) -> float:
+    """Return the widest gap that right promises would show on so few objects: a mean of draws.
+
+    The trials of one object are taken for independent; as they are alike, chance alone does more.
+    """
+    rng = np.random.default_rng(0)
+    drawn = [
+        _widest(_quarters(chances, rng.binomial(trials, chances) / trials)) for _ in range(_DRAWS)
+    ]
+    return round(float(np.mean(drawn)), 4)
 
 
 def _after_own_outcomes(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from simulate.study.quality.promise_report import describe_fit
 from simulate.study.quality.promised import coverage_of, promise_figures
 from simulate.study.quality.ranks import OUTCOMES, rank_correlations
 from simulate.study.quality.trial import HANDS, RULES
+from simulate.study.quality.tried_fit import fit_tried
 from simulate.study.quality.words import quality_words
 
 __all__ = ["COLUMNS", "quality_rows", "quality_study", "summarise_quality"]
@@ -31,19 +33,26 @@ def quality_study(
     alone: bool = False,
     made: int = 0,
     varied: bool = False,
+    public: str = "",
+    fit: bool = False,
 ) -> Study:
     """Return the comparison: for each hand ``objects`` objects with ``trials`` draws each.
 
     Of every plan, ``ranked`` grasps from the best to the worst are carried out, too. With ``alone``
     nothing is compared with it. With ``made`` so many generated hands take part instead of the
     Panda's and the NAO's, nothing is compared, and what the factory promises is fitted. With
-    ``varied`` the generated objects are of the wider family.
+    ``varied`` the generated objects are of the wider family. With ``public`` all objects are models
+    of that folder. With ``fit`` the report has the maps that the generated objects would make.
     """
     settings: dict[str, Any] = {
         "seed": seed, "trials": trials, "ycb": ycb, "preset": preset, "ranked": ranked
     }  # fmt: skip
     if varied:  # a setting more only then: folders of former runs can be gone on with
         settings["varied"] = True
+    if public:
+        settings["public"] = public
+    if fit:
+        settings["fit"] = True
     if made:
         settings |= {"alone": True, "made": made, "ranked": 1}
         return Study(
@@ -156,9 +165,27 @@ def _difference(part: Mapping[str, Any]) -> str:
 
 def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
     summary = {"seed": settings["seed"], **summarise_quality(results)}
+    lines = quality_words(summary)
+    if settings.get("fit"):
+        summary["fits"], more = _fits(results)
+        lines += more
     return Report(
         summary,
         [Table("First grasps by physics", COLUMNS, quality_rows(summary))],
-        quality_words(summary),
+        lines,
         {"results": list(results)},
     )
+
+
+def _fits(results: Results) -> tuple[dict[str, Any], list[str]]:
+    """Return the maps that the picks on generated objects would make, and a line for each."""
+    fits: dict[str, Any] = {}
+    for outcome, score in OUTCOMES.items():
+        try:
+            made = fit_tried(results, outcome, score)
+        except ValueError as error:
+            return fits, [f"nothing was fitted: {error}"]
+        fits[score] = {name: asdict(one) for name, one in made.items()}
+    lines = [f"fitted, {score}, {name}: {numbers}" for score, by_hand in fits.items()
+             for name, numbers in by_hand.items()]  # fmt: skip
+    return fits, lines

@@ -19,7 +19,8 @@ from grasp.spatial.scoring.confidence import Load, score_grasps
 from grasp.spatial.scoring.select import rank_by_confidence
 from simulate.study.quality.bench import Bench, Draw, draws, laid_out
 from simulate.study.quality.made_hands import made_hand, studied_hand
-from simulate.study.quality.objects import GraspObject, fits, generated, heaviest, ycb_models
+from simulate.study.quality.objects import GraspObject, fits, generated, heaviest
+from simulate.study.quality.public_models import public_model, ycb_models
 from simulate.study.quality.sampler import sampled_grasp
 from simulate.study.quality.varied_objects import varied
 from simulate.world.seeds import mix_seed, stream
@@ -48,6 +49,8 @@ def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
             bench.mesh, gripper, bench.around, SpatialOptions(mass=bench.item.mass, seed=choice)
         )
         picks = _picks(bench, plan, gripper, choice, bool(settings.get("alone", False)))
+        # Alone, the sampler says only whether what has no plan could be grasped at all.
+        graspable = bool(picks) or _sampled(bench, gripper, choice) is not None
         size = float(bench.mesh.extent.max())
         trials = draws(seed, number, int(settings["trials"]), size)
         outcomes: dict[str, dict[str, Any]] = {}
@@ -59,7 +62,8 @@ def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
                 done = _tried(bench, pick, gripper, trials)
             outcomes[rule] = {**done, "promised": promised}
         ranked = [
-            {**{k: round(float(candidate.scores[k]), 4) for k in ("lift", "carry", "load")},
+            {**{k: round(float(candidate.scores[k]), 4)
+                for k in ("lift", "carry", "load", "taper")},
              **_tried(bench, candidate, gripper, trials[:1] if settings.get("made") else trials)}
             for candidate in _others(plan, settings, number)
         ]  # fmt: skip
@@ -67,6 +71,7 @@ def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         "hand": hand,
         "object": item.name,
         "mass": round(item.mass, 4),
+        "graspable": graspable,
         "rules": outcomes,
         "ranked": ranked,
         "says": f"{hand} {item.name}: "
@@ -104,7 +109,12 @@ def _load_of_trial(seed: int, number: int) -> tuple[float | None, np.random.Gene
 def _object_of_trial(
     settings: Mapping[str, Any], index: int, gripper: ParallelGripper
 ) -> GraspObject:
-    """Return an object: generated and YCB models in turn, then whichever are left."""
+    """Return an object: generated and YCB models in turn, then whichever are left.
+
+    With a folder of other public models, none but these.
+    """
+    if settings.get("public"):
+        return public_model(Path(settings["public"]), int(settings["seed"]), index, gripper)
     models = _models(str(settings["ycb"]), gripper) if settings["ycb"] else ()
     mine, theirs = divmod(index, 2)
     if theirs and mine < len(models):

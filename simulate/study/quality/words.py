@@ -42,7 +42,7 @@ def _promises(name: str, row: Mapping[str, Any]) -> list[str]:
         f"score {row['error']:.3f}, of the promise {row['error_by_factory']:.3f}, after 50 own "
         f"outcomes {row.get('error_after_50', float('nan')):.3f}; n {row['n']}",
         f"  promised / held by quarters: {_quarters(row['quarters'])}; widest gap "
-        f"{row['widest_gap']:.3f}, by a map of the score alone {row['former_widest_gap']:.3f}; "
+        f"{row['widest_gap']:.3f} (right promises would show some {row['chance_gap']:.3f}), by a map of the score alone {row['former_widest_gap']:.3f}; "
         f"squared error less that map's {_signed(row['less_former'])}",
     ]
     if "quarters_after_50" in row:
@@ -60,7 +60,19 @@ def _promises(name: str, row: Mapping[str, Any]) -> list[str]:
 
 
 def _quarters(quarters: Sequence[Mapping[str, Any]]) -> str:
-    return ", ".join(f"{part['promised']:.2f} / {part['held']:.2f}" for part in quarters)
+    return ", ".join(
+        f"{part['promised']:.2f} / {part['held']:.2f}" + _interval(part.get("gap_interval95"))
+        for part in quarters
+    )
+
+
+def _interval(ends: Sequence[float] | None) -> str:
+    """Return the interval of promised less held, if it is known.
+
+    >>> _interval([-0.02, 0.05]), _interval(None)
+    (' [-0.02, +0.05]', '')
+    """
+    return "" if ends is None else f" [{ends[0]:+.2f}, {ends[1]:+.2f}]"
 
 
 def _signed(difference: Mapping[str, Any]) -> str:

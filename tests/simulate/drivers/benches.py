@@ -54,6 +54,19 @@ _ENDS = {
     "feedback and no end": lambda ok: "feedback",
     "no end": lambda ok: "silent",
     "no end, and states that stop": lambda ok: "states stop",
+    "no end, and joints get other names": lambda ok: "renamed",
+    "no end, and it goes on when cancelled": lambda ok: "unannounced motion",
+    "success, but it goes on": lambda ok: {"status": ok, "state": "unannounced motion"},
+    "success, and the time jumps back": lambda ok: {"status": ok, "state": "old"},
+    "success of a twin on the topic": lambda ok: {
+        "status": ok,
+        "stays": True,
+        "state": "a twin ahead of it between",
+    },
+    "failure, then success": lambda ok: {"status": {3: 4, 4: 6}[ok], "then": {"status": ok}},
+    "a status in words": lambda ok: {"status": "SUCCEEDED"},
+    "a status that is true": lambda ok: {"status": True},
+    "an error code in words": lambda ok: {"status": ok, "code": "GOAL_TOLERANCE_VIOLATED"},
 }
 
 
@@ -71,13 +84,17 @@ class Patience:
         match end:
             case "no end" | "feedback and no end" | "the end of another's goal":
                 return cls(spare_s=_IN_VAIN_S)
-            case "no end, and states that stop":
+            case "no end, and states that stop" | "no end, and joints get other names":
                 return cls(silent_s=_IN_VAIN_S, stopped_s=_IN_VAIN_S)
+            case "no end, and it goes on when cancelled":
+                return cls(spare_s=_IN_VAIN_S, stopped_s=_IN_VAIN_S)
+            case "success, but it goes on":
+                return cls(stopped_s=_IN_VAIN_S)
         return cls()
 
     def apply(self):
         """Have the drivers of this process wait so long."""
-        for module in (rosbridge, action_arm):
+        for module in (rosbridge, action_arm, naoqi):
             module._STATE_S, module._STOPPED_S = self.state_s, self.stopped_s
             module._SPARE_S = self.spare_s
         watch._SILENT_S = self.silent_s
@@ -249,7 +266,7 @@ class RclpyBench(Bench):
             for point in handle.request.trajectory.points
         ]  # fmt: skip
         end, name = self.robot.end, f"goal {len(self.robot.goals)}"
-        if not self.robot.take(name, points):
+        if not self.robot.take(name, points) and "at once" not in end:
             if self.robot.is_timed:
                 wait_until(lambda: self.robot.motion is None)
             else:

@@ -35,6 +35,7 @@ class HostileArm:
         self.ticks = 0
         self.is_timed, self.clock, self.last_moved = False, 0.0, 0.0
         self.motion, self.over = None, []
+        self.twin = np.array(START) + 0.4
         self.__dict__.pop("base", None)
         self.__dict__.pop("first_stamp", None)
 
@@ -69,8 +70,12 @@ class HostileArm:
             return False
         if self.end == "states stop":
             self.state = "none"
+        if self.end in ("renamed", "unannounced motion"):
+            self.state = self.end
         if isinstance(self.end, str):
             return False
+        self.state = self.end.get("state", self.state)
+        self.twin = np.array(points[-1]["positions"])
         if "stays" not in self.end:
             self.at = np.array(points[-1]["positions"]) - self.end.get("freezes", 0.0)
         return True
@@ -143,6 +148,13 @@ class HostileArm:
                 base = self.__dict__.setdefault("base", time.time_ns())
                 now = base - self.tick() * 10**6
                 stamp = {"sec": now // 10**9, "nanosec": now % 10**9}
+            case "a twin ahead of it between" if self.tick() % 2:
+                # Another clock: its states are always the newest, and hide the arm's own.
+                stamp["sec"] += stamp["nanosec"] >= 600_000_000
+                stamp["nanosec"] = (stamp["nanosec"] + 400_000_000) % 10**9
+                at = self.twin.tolist()
+            case "renamed":
+                names = [f"left/{name}" for name in names]
             case "incomplete":
                 names, at, velocity = names[:1], at[:1], velocity[:1]
             case "uneven":

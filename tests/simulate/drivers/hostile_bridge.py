@@ -51,7 +51,10 @@ class HostileBridge(HostileArm):
                 for _ in range(10 if "a second" in self.state else 1):
                     if publishes and self.state != "none":
                         state = self.joint_state()
-                        socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": state}))
+                        topic = (
+                            TOPIC.lstrip("/") if self.state == "a topic without slash" else TOPIC
+                        )
+                        socket.send(json.dumps({"op": "publish", "topic": topic, "msg": state}))
                 cancel, goal = self.understood(message)
                 if cancel is not None:
                     self.cancel(cancel)
@@ -92,6 +95,8 @@ class HostileBridge(HostileArm):
                 socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": state}))
                 time.sleep(0.002)  # a later stamp
             socket.send(json.dumps(self.result(self.end.get("of", goal))))
+            if "then" in self.end:
+                socket.send(json.dumps(self.result(goal, self.end["then"])))
         return self.end == "lost"
 
     def tell_end(self, socket, goal):
@@ -109,12 +114,13 @@ class HostileBridge(HostileArm):
         return {"op": "action_feedback", "id": goal, "action": ACTION, "values": values,
                 "status": 4, "result": True}  # fmt: skip
 
-    def result(self, goal):
-        values = {"error_code": self.end.get("code", 0), "error_string": ""}
+    def result(self, goal, end=None):
+        end = self.end if end is None else end
+        values = {"error_code": end.get("code", 0), "error_string": ""}
         if self.ros == 1:
-            status = {"goal_id": {"id": goal}, "status": self.end.get("status"), "text": "so it is"}
-            topic = {"op": "publish", "topic": f"{ACTION}/result"}
+            status = {"goal_id": {"id": goal}, "status": end.get("status"), "text": "so it is"}
+            topic = {"op": "publish", "topic": f"{end.get('slash', '')}{ACTION}/result"}
             return {**topic, "msg": {"status": status, "result": values}}
-        status = {"status": self.end["status"]} if "status" in self.end else {}
+        status = {"status": end["status"]} if "status" in end else {}
         about = {"op": "action_result", "id": goal, "action": ACTION, "values": values}
-        return {**about, "result": self.end.get("result", True), **status}
+        return {**about, "result": end.get("result", True), **status}

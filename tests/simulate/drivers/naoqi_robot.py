@@ -7,6 +7,7 @@ sent, at once when the motion's time has passed; what lies in the hand stops it.
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from typing import Any
 
@@ -15,6 +16,8 @@ import qi
 
 ARM_JOINTS = ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll", "WristYaw")
 NAMES = [f"{side}{joint}" for side in "LR" for joint in (*ARM_JOINTS, "Hand")]
+GOING_ON = ("success, but it goes on", "no end, and it goes on when cancelled")
+THEIRS = 999
 WIDTH, HEIGHT = 640, 480
 _IMAGE = "(iiiiiiriffff)"
 """Width, height, layers, colours, s, us, bytes, camera, and the angles of the view."""
@@ -62,13 +65,25 @@ class ALMotion:
         self.calls.append(f"move {names[0]} {len(names)} {len(angles[0])}")
         self.newest += 1
         task = self.newest
+        if self.lying == "another begins as well":
+            self.tasks[THEIRS] = False
         self.tasks[task] = False
+        if self.lying in GOING_ON:
+            self.drifting = {"RElbowRoll": 0.5}
+        going = threading.Thread(target=self._interpolate, args=(task, names, angles, times))
+        going.start()
+        if self.lying != "success at once":
+            going.join()
+        if self.lying == "success, but it fell limp":
+            self.angles.update(dict.fromkeys(names, 0.0))
+
+    def _interpolate(self, task: int, names: list[str], angles: Any, times: Any) -> None:
         try:
-            self._interpolate(task, names, angles, times)
+            self._go(task, names, angles, times)
         finally:
             del self.tasks[task]
 
-    def _interpolate(self, task: int, names: list[str], angles: Any, times: Any) -> None:
+    def _go(self, task: int, names: list[str], angles: Any, times: Any) -> None:
         began = {name: self.angles[name] for name in names}
         start = time.monotonic()
         passed, takes = 0.0, max(moments[-1] for moments in times)
@@ -88,6 +103,8 @@ class ALMotion:
             self.last_moved = self.now()
 
     def getTaskList(self) -> list[Any]:
+        if self.lying == "no list of tasks":
+            return ["angleInterpolation"]
         return [["angleInterpolation", task] for task in self.tasks]
 
     def killTask(self, task: int) -> bool:
@@ -98,7 +115,8 @@ class ALMotion:
 
     def killTasksUsingResources(self, names: list[str]) -> None:
         self.calls.append("killed all")
-        self.tasks = dict.fromkeys(self.tasks, True)
+        for task in self.tasks:
+            self.tasks[task] = True
 
     # Of the stand-in only.
 

@@ -64,7 +64,7 @@ class Ros1Arm(HostileArm):
         for point in points:
             duration = point["time_from_start"]
             point["time_from_start"] = {"sec": duration["secs"], "nanosec": duration["nsecs"]}
-        if self.take(message.goal_id.id, points):
+        if self.take(message.goal_id.id, points) or "at once" in self.end:
             self.tell(self.end.get("of", message.goal_id.id))
 
     def cancel_came(self, message):

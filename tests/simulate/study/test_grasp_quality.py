@@ -15,7 +15,8 @@ from grasp.spatial.gripper import nao_hand, panda_hand
 from rtask.errors import UsageError
 from simulate.study.quality.bench import draws, laid_out
 from simulate.study.quality.command import grasp_quality
-from simulate.study.quality.objects import FAMILIES, GraspObject, fits, generated, ycb_models
+from simulate.study.quality.objects import FAMILIES, GraspObject, fits, generated
+from simulate.study.quality.public_models import ycb_models
 from simulate.study.quality.ranks import rank_correlations
 from simulate.study.quality.report import quality_rows, summarise_quality
 from simulate.study.quality.sampler import sampled_grasp
