@@ -163,27 +163,29 @@ class NaoqiArm(FollowingArm):
 
     def _settled(self, motion: Any, limits: JointLimits | None, wait_s: float) -> Floats:
         until = time.monotonic() + wait_s
+        before = self._checked(motion, limits)
         while True:
+            ticks = self._ticks()
+            time.sleep(REST_S)
+            angles = self._checked(motion, limits)
+            # NAOqi goes on answering with the last angles when its sensors have stopped.
+            if ticks is not None and ticks == self._ticks():
+                raise RobotError(
+                    f"the sensors of {self._address} stand still, so that nobody knows how old its "
+                    "joints are; restart NAOqi"
+                )
             try:
-                return self._at_rest(motion, limits)
+                check_unmoved(before, angles, REST_S, self._joints)
             except RobotError:
                 if time.monotonic() >= until:
                     raise
+                before = angles
+            else:
+                return angles
 
-    def _at_rest(self, motion: Any, limits: JointLimits | None) -> Floats:
-        ticks = self._ticks()
-        before = np.array(self._angles(motion, self._joints))
-        check_positions(before, self._joints, limits)
-        time.sleep(REST_S)
+    def _checked(self, motion: Any, limits: JointLimits | None) -> Floats:
         angles = np.array(self._angles(motion, self._joints))
         check_positions(angles, self._joints, limits)
-        # NAOqi goes on answering with the last angles when its sensors have stopped.
-        if ticks is not None and ticks == self._ticks():
-            raise RobotError(
-                f"the sensors of {self._address} stand still, so that nobody knows how old its "
-                "joints are; restart NAOqi"
-            )
-        check_unmoved(before, angles, REST_S, self._joints)
         return angles
 
     def _ticks(self) -> object:

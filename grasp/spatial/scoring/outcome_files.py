@@ -12,16 +12,17 @@ from grasp.spatial.scoring.promises import FACTORY, Outcome
 __all__ = ["read_outcomes"]
 
 _OUTCOMES = {"lifted": "lift", "carried": "carry"}
-_SCORES = (*FACTORY, "load")
+_SCORES = (*FACTORY, "load", "taper")
 _MAX_BYTES = 64 * 2**20
 
 
 def read_outcomes(path: Path) -> list[Outcome]:
     """Return the outcomes of a file, for :meth:`grasp.spatial.scoring.promises.Promises.after`.
 
-    Each line has the scores of a grasp that was carried out, ``lift``, ``carry`` and ``load``, as
-    ``rtask grasp space --json`` prints them, and whether it ``lifted`` and ``carried`` the object:
-    true or false, or left out where that is not known. Anything else on a line is left alone.
+    Each line has the scores of a grasp that was carried out, ``lift``, ``carry``, ``load`` and
+    ``taper``, as ``rtask grasp space --json`` prints them, and whether it ``lifted`` and
+    ``carried`` the object: true or false, or left out where that is not known. Anything else on a
+    line is left alone.
 
     Raises
     ------

@@ -39,8 +39,6 @@ _USUAL_TAPER, _STEEPEST = 0.2, 1.5
 _FLOOR = 0.02
 """Of the variance, so that a chance of 1 is no certainty."""
 
-_IN_TURN = ("lift", "carry")
-
 Outcome = tuple[Mapping[str, float], Mapping[str, bool]]
 """Scores of a grasp that was carried out, and whether it held: ``lift``, ``carry`` or both."""
 
@@ -208,17 +206,21 @@ class Promises:
             With ``lift`` and ``carry``, and where they are known with ``load``, weight over what
             friction bears, and ``taper``, friction that leaning pads use up.
         """
-        promised: dict[str, float] = {}
-        lifted = 1.0
-        for name in _IN_TURN:
+        chances = {}
+        for name in self.maps:
             if name in scores:
                 chance = self._factory_chance(name, scores)
-                if name in self.own:
-                    chance = self.own[name].chance(chance)
-                # What is carried was lifted: by the maps alone, light things were carried more.
-                chance = lifted = min(chance, lifted)
-                promised[f"{name}_chance"] = chance
-                promised[f"{name}_at_least"] = self.maps[name].at_least(chance)
+                chances[name] = self.own[name].chance(chance) if name in self.own else chance
+        if len(chances) == len(self.maps):
+            # What is carried was lifted. Where own outcomes tell of carrying alone, they decide.
+            if "lift" in self.own or "carry" not in self.own:
+                chances["carry"] = min(chances["carry"], chances["lift"])
+            else:
+                chances["lift"] = max(chances["carry"], chances["lift"])
+        promised: dict[str, float] = {}
+        for name, chance in chances.items():
+            promised[f"{name}_chance"] = chance
+            promised[f"{name}_at_least"] = self.maps[name].at_least(chance)
         return promised
 
     def after(self, outcomes: Iterable[Outcome]) -> Promises:
@@ -239,4 +241,8 @@ class Promises:
 
     def _factory_chance(self, name: str, scores: Mapping[str, float]) -> float:
         known = scores.get("load"), self.stroke, scores.get("taper")
-        return self.maps[name].chance(scores[name], *known)
+        chance = self.maps[name].chance(scores[name], *known)
+        if name == "carry" and "lift" in scores:
+            # By its own map alone, a thing of few grams that pads meet badly is carried always.
+            return min(chance, self._factory_chance("lift", scores))
+        return chance

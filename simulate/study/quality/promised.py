@@ -84,6 +84,8 @@ def promise_figures(results: Results, outcome: str, score: str) -> dict[str, Any
     mapped = np.repeat(chances, trials)
     former = np.array([_FORMER[score].chance(row[score]) for row in scores])
     quarters = _quarters(chances, shares)
+    for quarter, part in zip(quarters, _parts(chances), strict=True):
+        quarter["gap_interval95"] = mean_interval((chances - shares)[part])["interval95"]
     return {
         "n": len(every),
         "promised": round(float(raw.mean()), 4),
@@ -107,17 +109,20 @@ def _chances(promises: Promises, scores: Sequence[Mapping[str, float]], score: s
 
 def _quarters(chances: FloatArray, shares: FloatArray) -> list[dict[str, Any]]:
     """Return mean promise and mean share held of each quarter of the objects, lowest first."""
-    order = np.argsort(chances, kind="stable")
     return [
         {
             "promised": round(float(chances[part].mean()), 4),
             "held": round(float(shares[part].mean()), 4),
-            "gap_interval95": mean_interval((chances - shares)[part])["interval95"],
             "n": len(part),
         }
-        for part in np.array_split(order, _QUARTERS)
-        if len(part)
+        for part in _parts(chances)
     ]
+
+
+def _parts(chances: FloatArray) -> list[NDArray[np.intp]]:
+    """Return the objects of each quarter, those that are promised least first."""
+    order = np.argsort(chances, kind="stable")
+    return [part for part in np.array_split(order, _QUARTERS) if len(part)]
 
 
 def _widest(quarters: Sequence[Mapping[str, Any]]) -> float:

@@ -74,7 +74,7 @@ def public_model(folder: Path, seed: int, number: int, gripper: ParallelGripper)
     fitting = _fitting(folder, seed, gripper)
     while len(fitting.models) <= number and fitting.left:
         model = _read_model(folder / fitting.left.pop())
-        if fits(model, gripper):
+        if model is not None and fits(model, gripper):
             fitting.models.append(model)
     if len(fitting.models) <= number:
         raise UsageError(f"{folder} has {len(fitting.models)} models that {gripper.name} can hold")
@@ -98,7 +98,8 @@ def _fitting(folder: Path, seed: int, gripper: ParallelGripper) -> _Fitting:
     return _Fitting([names[k] for k in order])
 
 
-def _read_model(folder: Path) -> GraspObject:
+def _read_model(folder: Path) -> GraspObject | None:
+    """Return the model of a folder; None if no part of it has a volume."""
     scale = re.search(r'scale="([^"]+)"', (folder / f"{folder.name}.urdf").read_text("utf-8"))
     factors = np.array([float(v) for v in scale.group(1).split()]) if scale else np.ones(3)
     corners: list[list[list[float]]] = [[]]
@@ -110,7 +111,7 @@ def _read_model(folder: Path) -> GraspObject:
             corners[-1].append([float(v) for v in values[:3]])
     parts = _solid([np.reshape(part, (-1, 3)) * factors for part in corners])
     if not parts:
-        raise UsageError(f"{folder} has no part with a volume")
+        return None
     model = centred(folder.name, parts, 1.0)
     # Unlike what a planner assumes, nothing is added to what is light: 20 g are 20 g here.
     return replace(model, mass=_DENSITY * enclosed_volume(model.mesh()))

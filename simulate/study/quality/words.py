@@ -42,7 +42,8 @@ def _promises(name: str, row: Mapping[str, Any]) -> list[str]:
         f"score {row['error']:.3f}, of the promise {row['error_by_factory']:.3f}, after 50 own "
         f"outcomes {row.get('error_after_50', float('nan')):.3f}; n {row['n']}",
         f"  promised / held by quarters: {_quarters(row['quarters'])}; widest gap "
-        f"{row['widest_gap']:.3f} (right promises would show some {row['chance_gap']:.3f}), by a map of the score alone {row['former_widest_gap']:.3f}; "
+        f"{row['widest_gap']:.3f} (right promises would show some {row['chance_gap']:.3f}), "
+        f"by a map of the score alone {row['former_widest_gap']:.3f}; "
         f"squared error less that map's {_signed(row['less_former'])}",
     ]
     if "quarters_after_50" in row:

@@ -43,7 +43,7 @@ class ALMotion:
 
     def getAngles(self, names: list[str], use_sensors: bool) -> list[float]:
         for name, rate in self.drifting.items():
-            self.angles[name] += rate * 0.1
+            self.angles[name] = 0.1 + (self.angles[name] + rate * 0.1 - 0.1) % 1.2
         return [self.angles[name] for name in names[: 1 if self.lying == "uneven" else None]]
 
     def setStiffnesses(self, names: list[str], value: float) -> None:

@@ -12,15 +12,18 @@ from click.testing import CliRunner
 from scipy.spatial import ConvexHull
 
 from grasp.spatial.gripper import nao_hand, panda_hand
+from grasp.spatial.scoring.promises import FactoryMap
 from rtask.errors import UsageError
 from simulate.study.quality.bench import draws, laid_out
 from simulate.study.quality.command import grasp_quality
 from simulate.study.quality.objects import FAMILIES, GraspObject, fits, generated
-from simulate.study.quality.public_models import ycb_models
+from simulate.study.quality.promised import coverage_of
+from simulate.study.quality.public_models import public_model, ycb_models
 from simulate.study.quality.ranks import rank_correlations
 from simulate.study.quality.report import quality_rows, summarise_quality
 from simulate.study.quality.sampler import sampled_grasp
 from simulate.study.quality.trial import RULES, quality_trial
+from simulate.study.quality.tried_fit import fit_tried
 from simulate.study.quality.varied_objects import VARIED, varied
 
 HAND = panda_hand()
@@ -277,3 +280,59 @@ def test_the_command_prints_paired_intervals_and_goes_on_where_it_was(tmp_path: 
     assert again.exit_code == 0, again.output
     assert (tmp_path / "journal.jsonl").read_text() == journal
     assert json.loads(again.output.splitlines()[-1])["seed"] == 5
+
+
+def test_public_models_come_in_an_order_of_their_own_and_flat_ones_are_left_out(
+    tmp_path: Path,
+) -> None:
+    box = [f"v {x} {y} {z}" for x in (0, 2) for y in (0, 3) for z in (0, 4)]
+    flat = [line[:-1] + "0" for line in box]
+    both = {"flat": flat, "one": ["o a", *box], "two": ["o a", *box, "o b", *box]}
+    for name, lines in both.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / f"{name}.obj").write_text("\n".join(lines))
+        (tmp_path / name / f"{name}.urdf").write_text('<mesh filename="x" scale="0.01 0.01 0.01"/>')
+    models = [public_model(tmp_path, 3, number, panda_hand()) for number in (0, 1)]
+    assert {model.name for model in models} == {"one", "two"}
+    assert {len(model.parts) for model in models} == {1, 2}
+    # 2 x 3 x 4 cm of wood; what two parts share weighs once.
+    assert [model.mass for model in models] == pytest.approx([0.0168] * 2, rel=0.1)
+    with pytest.raises(UsageError, match="has 2 models that panda"):
+        public_model(tmp_path, 3, 2, panda_hand())
+    with pytest.raises(UsageError, match="holds no NAME/NAME"):
+        public_model(tmp_path / "one", 3, 0, panda_hand())
+
+
+def test_an_object_that_nobody_finds_a_grasp_of_is_not_missed() -> None:
+    tried = {"promised": {}, "held": [True], "carried": [True]}
+    results: list[dict[str, Any]] = [
+        {"rules": {"planned": tried}, "graspable": True},
+        {"rules": {}, "graspable": True},
+        {"rules": {}, "graspable": False},
+    ]
+    assert coverage_of(results)["n"] == 2
+    assert coverage_of(results)["share"] == 0.5
+
+
+def test_maps_of_tried_hands_are_fitted_on_generated_objects_alone() -> None:
+    rng = np.random.default_rng(3)
+    true = FactoryMap(1.0, 0.6, 0.6, -1.0, 0.0, 0.0, taper=-2.0)
+    results = []
+    for number in range(400):
+        score, taper = float(rng.uniform(0.05, 0.95)), float(rng.uniform(0, 0.8))
+        truth = true.chance(score, 0.3, 0.08, taper)
+        held = (rng.random(4) < truth).tolist()
+        is_known = bool(number % 2)
+        promised = {"lift": score, "carry": score, "load": 0.3, "taper": taper}
+        results.append({
+            "hand": "panda", "object": f"box-{number}" if is_known else "mustard_bottle",
+            "rules": {"planned": {"promised": promised, "held": held,
+                                  "carried": held if is_known else [False] * 4}},
+        })  # fmt: skip
+    made = fit_tried(results, "carried", "carry")["panda_hand"]
+    assert made.taper == pytest.approx(-2.0, abs=1.2)
+    for score, taper in ((0.2, 0.1), (0.6, 0.5)):
+        truth = true.chance(score, 0.3, 0.08, taper)
+        assert made.chance(score, 0.3, 0.08, taper) == pytest.approx(truth, abs=0.08)
+    with pytest.raises(ValueError, match="too few"):
+        fit_tried(results[:8], "carried", "carry")
