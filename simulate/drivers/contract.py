@@ -278,19 +278,22 @@ def settled_joints(
     while time.monotonic() < until and (message := next_message(until)) is not None:
         try:
             state = read_state(message, joints, limits, now())
-            # A state of the same time is the same one, sent again: nothing was measured meanwhile.
-            if before is not None and state.stamp_s > before.stamp_s:
-                _check_rest(before, state, joints)
-                if state.stamp_s - before.stamp_s >= REST_S:
-                    return state.positions
         except RobotError as error:
-            complaint = error
-            before = None
+            complaint, before = error, None
             continue
         # Not waited out: between two states of the slower one, the quicker one looks like an arm.
         source.take(state.stamp_s, state.positions)
         if before is None:
             before = state
+        # A state of the same time is the same one, sent again: nothing was measured meanwhile.
+        elif state.stamp_s > before.stamp_s:
+            try:
+                _check_rest(before, state, joints)
+            except RobotError as error:
+                complaint, before = error, None
+                continue
+            if state.stamp_s - before.stamp_s >= REST_S:
+                return state.positions
     if complaint is not None:
         raise complaint
     if before is not None:

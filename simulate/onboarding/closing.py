@@ -169,16 +169,21 @@ def best_pair(
 
 
 def _tip(robot: RobotDescription, wrist: str, branch: Sequence[Joint]) -> _Tip | None:
-    """Return the link of a branch that reaches farthest; None if no link of it has a shape."""
+    """Return the link of a branch that reaches farthest; None if no link of it has a shape.
+
+    From the branch's first joint: fingers that hang from a frame far above bend back towards it.
+    """
     poses = link_poses(wrist, branch, {joint.name: neutral(joint) for joint in branch})
-    reaches = [
-        (float(np.linalg.norm(points, axis=1).max()), joint.child)
+    start = poses[branch[0].child][:3, 3]
+    shaped = {
+        joint.child: points
         for joint in branch
         if len(points := points_of(robot, joint.child, poses[joint.child]))
-    ]
-    if not reaches:
+    }
+    if not shaped:
         return None
-    reach, link = max(reaches, key=lambda row: row[0])
+    link = max(shaped, key=lambda name: np.linalg.norm(shaped[name] - start, axis=1).max())
+    reach = max(float(np.linalg.norm(points, axis=1).max()) for points in shaped.values())
     by_child = {joint.child: joint for joint in branch}
     path: list[Joint] = []
     while link != wrist and (not path or path[-1].parent != wrist):

@@ -37,8 +37,8 @@ MIN_ARM_JOINTS = 3
 _MAX_FINGER_JOINTS = 7
 """Moving joints in a row in a finger, those that follow another included."""
 _MAX_HAND_JOINTS = 44
-_MAX_REACH_M = 0.36
-"""Of a finger's shapes from its first joint."""
+_MAX_REACH_M, _MAX_NAMED_M = 0.36, 0.5
+"""Of a finger's shapes from its first joint; and where its joints are called fingers."""
 _MIN_RANGE = 1e-3
 """Range of a joint, rad or m, below which it does not move."""
 _ALONE_M = 0.2
@@ -143,7 +143,7 @@ def shapeless_fingers(robot: RobotDescription) -> list[str]:
 def unmeasured_hand(robot: RobotDescription) -> str:
     """Return why fingers that only their names show cannot be measured; empty if there are none.
 
-    They have no shapes, or limits that let no joint move.
+    They have no shapes, limits that let no joint move, or are one finger, with nothing to close on.
     """
     named = [joint for joint in robot.joints if is_of_hand(joint)]
     if not named:
@@ -153,6 +153,9 @@ def unmeasured_hand(robot: RobotDescription) -> str:
         return f"{names}: no shapes"
     if all(joint.upper - joint.lower < _MIN_RANGE for joint in named):
         return f"{names}: limits that leave no motion"
+    chain = max((robot.path(joint.child) for joint in named), key=len)
+    if 1 < len(named) == len(robot.joints) == len(chain):
+        return f"{names}: one finger of its own, with nothing to close on"
     return ""
 
 
@@ -200,7 +203,9 @@ def _may_be_wrist(robot: RobotDescription, below: Mapping[str, Sequence[Joint]],
         return False
     if names_no_hand(fingers):
         return False
-    return all(_reach(robot, list(subtree(below, joint))) <= _MAX_REACH_M for joint in below[link])
+    # A platform of three fingers, each as long as an arm's hand, is one by its names alone.
+    longest = _MAX_NAMED_M if names_a_hand("", fingers) else _MAX_REACH_M
+    return all(_reach(robot, list(subtree(below, joint))) <= longest for joint in below[link])
 
 
 def _reach(robot: RobotDescription, branch: Sequence[Joint]) -> float:
