@@ -82,7 +82,10 @@ class Patience:
     @classmethod
     def of(cls, end):
         match end:
-            case "no end" | "feedback and no end" | "the end of another's goal":
+            case (
+                "no end" | "feedback and no end" | "the end of another's goal"
+                | "another begins as well"
+            ):  # fmt: skip
                 return cls(spare_s=_IN_VAIN_S)
             case "no end, and states that stop" | "no end, and joints get other names":
                 return cls(silent_s=_IN_VAIN_S, stopped_s=_IN_VAIN_S)
@@ -386,7 +389,8 @@ class NaoqiBench(Bench):
         self.motion.put(home)
         self.motion.lie("uneven" if state == "uneven" else end)
         blocked = self.arm.joints[0] if end == "success, but it stayed" else ""
-        self.motion.arrange(0.0, blocked, 5.0 if is_timed else 0.01 if end == "no end" else 20.0)
+        slow = end.startswith("no end") or end == "another begins as well"
+        self.motion.arrange(0.0, blocked, 5.0 if is_timed else 0.01 if slow else 20.0)
         self.motion.drift("RElbowRoll", 0.5 if state == "unannounced motion" else 0.0)
         self.memory.freeze(state == "frozen")
         wrong = {"NaN": float("nan"), "degrees": 80.0, "outside": 2.2}

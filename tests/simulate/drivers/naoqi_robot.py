@@ -140,7 +140,11 @@ class ALMotion:
         self.lying = how
 
     def forget(self) -> None:
+        """Forget what was called, and end what still goes on."""
         self.calls = []
+        self.tasks.pop(THEIRS, None)
+        for task in self.tasks:
+            self.tasks[task] = True
 
     def begun(self) -> list[int]:
         """Return the numbers of the tasks of arms that stiffened joints began, of the right arm."""

@@ -11,7 +11,6 @@ import re
 
 import pytest
 
-from simulate.drivers import naoqi
 from tests.processes import EVER_LONGER_S, wait_until
 from tests.rtask.interop.ros.conftest import roscore  # noqa: F401  (a fixture)
 from tests.simulate.drivers.benches import (
@@ -189,8 +188,6 @@ def test_a_nao_whose_list_of_tasks_is_none_is_moved_all_the_same(benches):
 def test_of_two_motions_that_begin_at_once_on_a_nao_none_is_killed_by_a_guessed_number(benches):
     bench = benches(NAOQI)
     bench.arrange(end="another begins as well")
-    bench.motion.arrange(0.0, "", 0.01)
-    naoqi._SPARE_S = -0.2
     assert bench.follow()
     assert bench.cancelled() == []
     assert "killed all" in bench.motion.told()  # all that use these joints: the arm has to stop
