@@ -93,7 +93,7 @@ class HostileBridge(HostileArm):
             for at in self.end.get("passes", []):
                 state = {**self.joint_state(), "position": at}
                 socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": state}))
-                time.sleep(0.002)  # a later stamp
+                time.sleep(0.1)  # no arm goes there and back within milliseconds
             socket.send(json.dumps(self.result(self.end.get("of", goal))))
             if "then" in self.end:
                 socket.send(json.dumps(self.result(goal, self.end["then"])))
