@@ -218,8 +218,7 @@ def plan_place(
     base_from_tool = _pose(*(part[0] for part in chain.tool_poses(start[None])))
     hangs = upright_load.bottom(base_from_tool) - load.bottom(base_from_tool)
     tool_over_bottom = request.table_height + plan.tool_height - request.base_height + hangs
-    # As the object stood when the hand closed: the arm may have tilted it while it was lifted.
-    upright = chain.tool_poses(plan.posture[None])[0][0, 2]
+    upright = tool[0, 2]
     approach = tool[0, :, 2] if chain.orients_freely else None
     _, lifted = chain.tool_poses(plan.lift.positions[-1:])
     higher = float(base_from_tool[2, 3] - lifted[0, 2])
@@ -233,7 +232,7 @@ def plan_place(
             position = np.array([x, y, ground + tool_over_bottom + release])
             goal = Goal(position, closing, approach, chain.orients_freely)
             options = _IK if closing is None else _TURNED_IK
-            postures = _holding_upright(chain, goal, upright, rng, options, start)
+            postures = solve_ik(chain, goal, rng, options, warm=start[None])
             for posture in _most_upright(chain, postures, upright, start):
                 line = follow_line(chain, posture, np.array([0.0, 0.0, above]), tolerance=0.006)
                 if line is None or (loaded.clearances(line, around, slack) < 0).any():
@@ -443,26 +442,6 @@ def _climb(
         if loaded.clearances(line[-1:], around, slack)[0] >= 0:
             break
     return line
-
-
-def _holding_upright(
-    chain: Chain,
-    goal: Goal,
-    upright: Floats,
-    rng: np.random.Generator,
-    options: IkOptions,
-    start: Floats,
-) -> Floats:
-    """Return postures (k, dof) that reach a goal, those first that keep the object upright.
-
-    An arm without a choice of orientation has one of tilts: of random postures the least tilted was
-    off by 10 to 50 degrees, and what was let go so fell over.
-    """
-    postures = solve_ik(chain, goal, rng, options, warm=start[None])
-    if chain.orients_freely or goal.closing is not None:
-        return postures
-    kept = solve_ik(chain, Goal(goal.position, up=upright), rng, options, warm=start[None])
-    return np.concatenate([kept, postures])
 
 
 def _most_upright(chain: Chain, postures: Floats, upright: Floats, start: Floats) -> Floats:

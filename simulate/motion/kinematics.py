@@ -18,10 +18,6 @@ __all__ = ["Chain", "Goal", "IkOptions", "Tool", "follow_line", "solve_ik"]
 
 _FREE_DOF = 6
 _SOFT, _HARD = 0.004, 0.06
-_UP = 0.02
-"""Position error (m) that weighs as much as one rad by which a load is tilted: where an arm of five
-joints cannot keep it upright, its place stays within a millimetre."""
-_VERTICAL = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -192,16 +188,12 @@ class Goal:
         Desired approach direction.
     approach_must
         Whether the approach direction is required; otherwise it is followed as far as possible.
-    up : (3,) float or None
-        Direction in the tool frame that is to point up, as far as possible: of what is held. The
-        closing axis need not be horizontal then.
     """
 
     position: Floats
     closing: Floats | None = None
     approach: Floats | None = None
     approach_must: bool = False
-    up: Floats | None = None
 
     @property
     def approach_weight(self) -> float:
@@ -290,16 +282,13 @@ def _equations(chain: Chain, q: Floats, goal: Goal, closing_weight: float) -> tu
         # For small turns the cross product is the rotation vector; the weight makes rad into m.
         rows.append(closing_weight * angular)
         residuals.append(closing_weight * _cross(closing, sign * goal.closing))
-    elif goal.up is None:
+    else:
         vertical = _cross(angular.transpose(0, 2, 1), closing[:, None])[:, :, 2]
         rows.append(closing_weight * vertical[:, None])
         residuals.append(-closing_weight * closing[:, 2:3])
     if goal.approach is not None:
         rows.append(goal.approach_weight * angular)
         residuals.append(goal.approach_weight * _cross(rotation[:, :, 2], goal.approach))
-    if goal.up is not None:
-        rows.append(_UP * angular)
-        residuals.append(_UP * _cross(rotation @ goal.up, _VERTICAL))
     return np.concatenate(rows, axis=1), np.concatenate(residuals, axis=1)
 
 
@@ -315,9 +304,7 @@ def _errors(chain: Chain, q: Floats, goal: Goal) -> tuple[Floats, Floats]:
     rotation, position = chain.tool_poses(q)
     distance = np.linalg.norm(position - goal.position, axis=1)
     closing = rotation[:, :, 0]
-    if goal.up is not None:
-        angle = np.arccos(np.clip((rotation @ goal.up)[:, 2], -1, 1))
-    elif goal.closing is None:
+    if goal.closing is None:
         angle = np.abs(np.arcsin(np.clip(closing[:, 2], -1, 1)))
     else:
         angle = np.arccos(np.clip(np.abs(closing @ goal.closing), 0, 1))
