@@ -158,4 +158,6 @@ def _may_be_one(world: WorldState, place: Placement, away: Placement) -> bool:
     pose, variance_m2 = there
     sigma_m = math.sqrt(place.sigma_m**2 + away.sigma_m**2 + variance_m2)
     shift_m = float(np.linalg.norm(pose[:3, 3] - place.frame_from_subject[:3, 3]))
-    return shift_m <= MOVED_M + _SURE_SIGMAS * sigma_m
+    # Moved is what is so far from where it was put: it may have been on one side of that, then on
+    # the other.
+    return shift_m <= 2.0 * MOVED_M + _SURE_SIGMAS * sigma_m

@@ -98,6 +98,17 @@ def test_a_shift_within_the_noise_of_two_looks_leaves_open_when_a_thing_came(lab
     assert latest.places[0].arrived_after == NOON, "places that are not listed count as well"
 
 
+def test_what_crept_to_one_side_of_where_it_was_put_then_to_the_other_may_have_stayed(look, engine):
+    """Within 2 cm of its spot on either side it has not moved, though both looks are 4 cm apart."""
+    (cup,) = look(0, ("blue cup", 0.5, 0.0)).things
+    look(300, ("blue cup", 0.1, 0.0), gone=[cup])
+    look(600, ("blue cup", 0.125, 0.0))
+    look(900, ("blue cup", 0.149, 0.0))
+    places = trace(engine, cup).places[1:]
+    assert {place.arrived_after for place in places} == {NOON}
+    assert {place.left_before for place in places} == {None}
+
+
 def test_what_was_missed_once_and_seen_at_the_same_place_may_never_have_left(lab, look, engine):
     (cup,) = look(0, ("blue cup", 0.1, 0.0)).things
     look(300, gone=[cup])
