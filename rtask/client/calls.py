@@ -996,6 +996,8 @@ class GoalPlan(TypedDict):
     names: dict[str, Any]
     duration_s: float
     chance: float
+    deadline: NotRequired[float | None]
+    settled: NotRequired[str]
     digest: str
     text: str
     domain: NotRequired[str]
@@ -1016,6 +1018,8 @@ class StoredPlan(TypedDict):
     names: dict[str, Any]
     duration_s: float
     chance: float
+    deadline: NotRequired[float | None]
+    settled: NotRequired[str]
     digest: str
     text: str
     domain: NotRequired[str]
@@ -1054,6 +1058,7 @@ class ListedPlan(TypedDict):
     steps: list[ListedStep]
     open_goals: list[str]
     allows_part: bool
+    settled: str
 
 
 class ListedPlans(TypedDict):
@@ -2005,7 +2010,7 @@ class Calls(ABC):
         priority
             plans with a greater one are begun first; default: 0
         deadline
-            Unix time after which no step is begun; default: none (s)
+            Unix time after which no step is begun; default: what the goal says, or none (s)
         replaces
             IRI of an earlier plan for the goal, of which nothing more is begun; default: none
         asking_price

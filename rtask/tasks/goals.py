@@ -16,13 +16,18 @@ from rtask.tasks.actions import Select
 from rtask.tasks.patterns import Pattern, expanded, parse_pattern
 from rtask.tasks.planning.problem import Atom, Goal
 
-__all__ = ["LOCATED", "MAX_GOALS", "Aim", "Target", "read_aims", "targets"]
+__all__ = ["LOCATED", "MAX_GOALS", "MAX_JSON", "MAX_TEXT", "Aim", "Target", "goal_text",
+           "read_aims", "settled_goal", "targets"]  # fmt: skip
 
 MAX_AIMS = 50
 """Most goals of one JSON object."""
 MAX_GOALS = 2000
 """Most things of one goal."""
 MAX_ROWS = 20_000
+MAX_TEXT = 1000
+"""Most characters of a goal in words."""
+MAX_JSON = 20_000
+"""Most characters of a goal in JSON."""
 LOCATED = "?thing rt:locatedOn ?place"
 _WHERE = re.compile(r"\bwhere\b\s*\{(.*)\}\s*$", re.I | re.S)
 _SUBJECT = re.compile(r"\?(\w+)")
@@ -44,6 +49,12 @@ class Aim:
         The goal for people.
     stage
         Goals of a later stage are begun once those of all earlier ones are reached.
+    others
+        Only about things that no other goal has taken: the rest.
+    end
+        Of words that speak of the world as it is when they are said: what selects ``?place``
+        alone; empty where things and places belong together. None where the words still say the
+        same once a part of it is done.
     """
 
     pattern: str
@@ -51,6 +62,8 @@ class Aim:
     number: int | None = None
     text: str = ""
     stage: int = 0
+    others: bool = False
+    end: str | None = None
 
     @property
     def variables(self) -> tuple[str, ...]:
@@ -82,7 +95,8 @@ def read_aims(given: str | Mapping[str, Any]) -> tuple[Aim, ...] | None:
     given
         ``PATTERN [WHERE { SPARQL }]``, or an object, or its JSON, with ``achieve``, and if need be
         ``where`` and ``number``; ``goals`` has several of these, and one with ``then`` true is
-        begun once those before it are reached.
+        begun once those before it are reached, one with ``others`` true is about things alone that
+        no goal before it has taken. ``text`` is the goal for people.
 
     Raises
     ------
@@ -122,6 +136,65 @@ def read_aims(given: str | Mapping[str, Any]) -> tuple[Aim, ...] | None:
     return (_checked(pattern, match[1] if match else "", None),)
 
 
+def goal_text(given: str | Mapping[str, Any]) -> str:
+    """Return a goal for people: its words, where JSON that was made of words has them.
+
+    Examples
+    --------
+    >>> goal_text('{"goals": [], "text": "half of the cups onto the shelf"}')
+    'half of the cups onto the shelf'
+    """
+    if isinstance(given, str):
+        if not given.lstrip().startswith("{"):
+            return given
+        try:
+            parsed = json.loads(given)
+        except json.JSONDecodeError:
+            return given
+    else:
+        parsed, given = given, json.dumps(dict(given))
+    text = parsed.get("text") if isinstance(parsed, Mapping) else None
+    return text[:MAX_TEXT] if isinstance(text, str) and text.strip() else given
+
+
+def settled_goal(text: str, matches: Sequence[Target], aims: Sequence[Aim]) -> str:
+    """Return a goal in words as JSON with the things that its words mean now.
+
+    Once one of two pens from the table is in the box, "a pen from the table" would be the other.
+
+    Returns
+    -------
+    JSON
+        Empty where the words will say the same, or where it would be too long.
+    """
+    if all(aim.end is None for aim in aims):
+        return ""
+    of_aim: dict[Aim, list[Target]] = defaultdict(list)
+    for target in matches:
+        of_aim[target.aim].append(target)
+    goals: list[dict[str, Any]] = []
+    stage = 0
+    for aim in aims:
+        where = aim.where if aim.end is None else _settled(of_aim[aim], aim.end)
+        goals.append(
+            {"achieve": aim.pattern, "where": where, "number": aim.number,
+             "then": aim.stage > stage, "others": aim.others, "text": aim.text}
+        )  # fmt: skip
+        stage = aim.stage
+    settled = json.dumps({"goals": goals, "text": text})
+    return settled if len(settled) <= MAX_JSON else ""
+
+
+def _settled(matches: Sequence[Target], end: str) -> str:
+    """Return what selects the things of a goal, also once they are known to be others."""
+    of = "?was rt:mergedInto* ?thing FILTER NOT EXISTS { ?thing rt:mergedInto ?into }"
+    if end:
+        things = " ".join(f"<{target.subject}>" for target in matches)
+        return f"VALUES ?was {{ {things} }} {of} {end}"
+    rows = " ".join(f"(<{t.subject}> <{atom[-1]}>)" for t in matches for atom in t.goal)
+    return f"VALUES (?was ?place) {{ {rows} }} {of}"
+
+
 def _from_object(part: object) -> tuple[Aim, bool]:
     """Return a goal, and whether it is to wait for those before it."""
     if not isinstance(part, Mapping) or not isinstance(part.get("achieve"), str):
@@ -136,7 +209,14 @@ def _from_object(part: object) -> tuple[Aim, bool]:
     then = part.get("then", False)
     if not isinstance(then, bool):
         raise UsageError('"then" of a goal is true or false')
-    return _checked(part["achieve"], where, number), then
+    others = part.get("others", False)
+    if not isinstance(others, bool):
+        raise UsageError('"others" of a goal is true or false')
+    text = part.get("text", "")
+    if not isinstance(text, str) or len(text) > MAX_TEXT:
+        raise UsageError(f'"text" of a goal is a text of at most {MAX_TEXT} characters')
+    aim = _checked(part["achieve"], where, number)
+    return replace(aim, others=others, text=text or aim.text), then
 
 
 def _checked(pattern: str, where: str, number: int | None) -> Aim:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import hashlib
 import json
 import math
@@ -154,6 +155,11 @@ class TaskPlan:
         Names of the IRIs.
     domain, problem
         The planning problem as PDDL.
+    deadline
+        By when, if the goal says so.
+    settled
+        The goal as JSON with the things that its words meant, where these mean others once a part
+        of it is done: what is to be planned again.
     """
 
     goal: str
@@ -166,6 +172,8 @@ class TaskPlan:
     is_complete: bool
     domain: str
     problem: str
+    deadline: dt.datetime | None = None
+    settled: str = ""
 
     @property
     def chance(self) -> float:
@@ -196,7 +204,10 @@ class TaskPlan:
         if not self.is_complete and not self.refusals:
             lines.append("No order of steps reaches all goals, though each could be reached alone.")
         if self.is_complete and not self.steps:
-            lines.append("Nothing to do: the goal holds already.")
+            lines.append("Nothing to do: the goal holds already." if self.sparql or not
+                         self.understood else "Nothing to do.")  # fmt: skip
+        if self.deadline is not None:
+            lines.append(f"by {self.deadline.isoformat(timespec='seconds')}, if it is stored")
         if self.refusals and self.steps:
             lines.append("Without that, the rest can be done:")
         for step in self.steps:
@@ -220,5 +231,7 @@ class TaskPlan:
             "complete": self.is_complete, "steps": [step.to_dict() for step in self.steps],
             "refusals": [item.to_dict() for item in self.refusals],
             "assumptions": list(self.assumptions), "names": dict(self.names),
+            "deadline": None if self.deadline is None else self.deadline.timestamp(),
+            "settled": self.settled,
             "duration_s": round(self.duration_s, 3), "chance": round(self.chance, 4),
         }  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +13,16 @@ from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES, local_name
 from rtask.tasks.actions import ActionClass, IsOntology, Select, read_actions
 from rtask.tasks.facts import read_facts
-from rtask.tasks.goals import LOCATED, Aim, Target, read_aims, targets
+from rtask.tasks.goals import (
+    LOCATED,
+    Aim,
+    Target,
+    goal_text,
+    read_aims,
+    settled_goal,
+    targets,
+)
+from rtask.tasks.language.reader import read_goal
 from rtask.tasks.names import names_of
 from rtask.tasks.outcomes import Experience, read_experience
 from rtask.tasks.plan import Refusal, TaskPlan
@@ -22,7 +32,6 @@ from rtask.tasks.planning.problem import Action, Atom, Goal, Parameter, Problem,
 from rtask.tasks.planning.search import find_plan, goal_costs
 from rtask.tasks.planning.unsolvable import Obstacle, explain_unsolvable
 from rtask.tasks.reasons import crowded, refusal
-from rtask.tasks.sentences import aims_in_words
 from rtask.tasks.steps import Wording, planned_steps
 
 __all__ = ["ASSUMABLE", "plan_goal"]
@@ -43,6 +52,9 @@ class _Task:
     problem: Problem
     experience: Experience
     mendable: Mapping[str, float]
+    remarks: tuple[str, ...]
+    deadline: datetime.datetime | None
+    settled: str
 
 
 @dataclass(frozen=True)
@@ -97,13 +109,17 @@ def plan_goal(
         obstacles = explain_unsolvable(problem, task.mendable, require_time)
     problem = _chosen(task, problem)
     # The goals are fewer now: what stood in the way of the others does not matter any more.
-    if any(target.aim.number is not None for target in task.targets):
+    if any(t.aim.number is not None or t.aim.others for t in task.targets):
         obstacles = explain_unsolvable(problem, task.mendable, require_time)
     # A plan for what is possible is worth more than none; what is left out is told as refused.
     possible = _without(problem, obstacles)
     left_over = crowded_goals(possible, require_time)
     possible = _without(possible, left_over)
-    solution = _search(task, possible, max_states, require_time) if possible.goals else None
+    solution = None
+    if possible.goals:
+        solution = _search(task, possible, max_states, require_time)
+    elif not problem.goals:
+        solution = _Sequence((), ())  # what was asked for hangs on what does not hold
     return _result(select, given, task, problem, (*obstacles, *left_over), solution, assumed)
 
 
@@ -142,8 +158,11 @@ def _read(
 ) -> _Task:
     actions = read_actions(select, is_ontology)
     aims = read_aims(given)
+    remarks, deadline = tuple[str, ...](), None
+    is_words = aims is None
     if aims is None:
-        aims = aims_in_words(select, str(given), base)
+        understood = read_goal(select, str(given), base)
+        aims, remarks, deadline = understood.aims, understood.remarks, understood.deadline
     patterns, all_targets = [], list[Target]()
     for aim in aims:
         pattern, of_aim = targets(select, aim)
@@ -163,7 +182,18 @@ def _read(
         facts.atoms,
         tuple(dict.fromkeys(item.goal for item in all_targets)),
     )
-    return _Task(actions, aims, tuple(all_targets), problem, experience, _mendable(select, actions))
+    text = goal_text(given)
+    settled = settled_goal(text, all_targets, aims) if is_words else _as_settled(given, text)
+    return _Task(
+        actions, aims, tuple(all_targets), problem, experience, _mendable(select, actions),
+        remarks, deadline, settled,
+    )  # fmt: skip
+
+
+def _as_settled(given: str | Mapping[str, Any], text: str) -> str:
+    """Return JSON that was made of words, so that it is planned again from that; else nothing."""
+    as_json = given if isinstance(given, str) else json.dumps(dict(given))
+    return as_json if text != as_json else ""
 
 
 def _action(action: ActionClass, experience: Experience) -> Action:
@@ -209,7 +239,7 @@ def _chosen(task: _Task, problem: Problem) -> Problem:
 
     Things that are there already cost nothing, and out of reach are the last to be chosen.
     """
-    if all(target.aim.number is None for target in task.targets):
+    if all(target.aim.number is None and not target.aim.others for target in task.targets):
         _require_one_place(task.targets)
         return problem
     costs = dict(zip(problem.goals, goal_costs(problem), strict=True))
@@ -228,6 +258,9 @@ def _chosen(task: _Task, problem: Problem) -> Problem:
             of_aim = sorted(of_aim, key=lambda target: (_is_wanted(target, chosen),
                                                         _cost_of(costs[target.goal])))  # fmt: skip
             of_aim = of_aim[: aim.number]
+        if aim.others:
+            taken = {target.subject for target in chosen}
+            of_aim = [target for target in of_aim if target.subject not in taken]
         chosen += of_aim
     _require_one_place(chosen)
     order = {goal: at for at, goal in enumerate(problem.goals)}
@@ -235,9 +268,9 @@ def _chosen(task: _Task, problem: Problem) -> Problem:
     return replace(problem, goals=tuple(goals))
 
 
-def _rank(aim: Aim, of_aim: Sequence[Target]) -> tuple[bool, int]:
+def _rank(aim: Aim, of_aim: Sequence[Target]) -> tuple[bool, bool, int]:
     """Return what puts the goals first that have the least choice among things."""
-    return aim.number is not None, len(of_aim) - (aim.number or 0)
+    return aim.others, aim.number is not None, len(of_aim) - (aim.number or 0)
 
 
 def _cost_of(cost: float | None) -> float:
@@ -300,8 +333,8 @@ def _result(
         goal = f"{len(obstacles) - _MAX_REFUSALS} more goals"
         refusals.append(Refusal(goal, "out of reach, too; ask for each alone to see why", (), {}))
     return TaskPlan(
-        goal=given if isinstance(given, str) else json.dumps(dict(given)),
-        understood=tuple(aim.text for aim in task.aims),
+        goal=goal_text(given),
+        understood=(*(aim.text for aim in task.aims), *task.remarks),
         sparql=tuple(aim.sparql for aim in task.aims if aim.variables),
         steps=planned_steps(
             task.actions,
@@ -318,6 +351,8 @@ def _result(
         is_complete=solution is not None and not obstacles,
         domain=pddl.domain,
         problem=pddl.problem,
+        deadline=task.deadline,
+        settled=task.settled,
     )
 
 

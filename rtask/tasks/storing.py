@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime as dt
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -49,6 +49,10 @@ class Order:
     prices: Prices | None = None
     allows_part: bool = False
 
+    def due_by(self, deadline: dt.datetime | None) -> Order:
+        """Return the order with a deadline that a goal names, unless it has one of its own."""
+        return self if self.deadline is not None else replace(self, deadline=deadline)
+
     def late_s(self, duration_s: float, now: dt.datetime) -> float:
         """Return by how much what begins now is expected to end after the deadline, s.
 
@@ -90,7 +94,7 @@ def store_plan(
     ForbiddenError
         The agent may not write; nothing is stored.
     """
-    order = order or Order()
+    order = (order or Order()).due_by(plan.deadline)
     if plan.refusals and not order.allows_part:
         raise UsageError(
             f"only a plan for the whole goal can be stored; not possible: {plan.refusals[0].goal}. "
@@ -110,6 +114,8 @@ def _statements(
 ) -> Iterator[_Statement]:
     yield root, RDF.type, RT.TaskPlan
     yield root, RT.goalText, plan.goal
+    if plan.settled:
+        yield root, RT.settledGoal, plan.settled
     yield root, RT.plannedDuration, float(plan.duration_s)
     yield root, RT.plannedChance, float(plan.chance)
     yield root, PROV.generatedAtTime, dt.datetime.now(dt.UTC)

@@ -32,8 +32,8 @@ class Tasks:
     >>> with rtask.open(":memory:") as kb:
     ...     kb.tasks.plan("every cup")
     Traceback (most recent call last):
-    rtask.errors.UsageError: 'every cup' does not say where to; understood: 'cup' (kind); \
-a goal is such as 'every cup into the left box'
+    rtask.errors.UsageError: 'every cup' does not say where to, or not clearly; understood: \
+'cup' (kind); a goal is such as 'every cup into the left box'
     """
 
     def __init__(self, kb: GraphCore) -> None:

@@ -131,7 +131,7 @@ class Crew:
                 began = time.process_time()
                 goes_on |= self._repair(plan)
                 self.repair_s.append(time.process_time() - began)
-        return goes_on
+        return goes_on or self._rearranging.bring_back()
 
     def _close(self, plan: Mapping[str, Any], result: str, comment: str = "") -> None:
         if plan["task"] in self._closed:
@@ -173,7 +173,9 @@ class Crew:
     def _plan_again(self, plan: Mapping[str, Any]) -> bool:
         """Store a plan for what is within reach now; return whether there is more to do."""
         try:
-            again = self.planner.call("plan_goal", goal=plan["goal"])
+            # Words such as "the cup on the table" mean another cup once the first is gone.
+            goal = plan["settled"] or plan["goal"]
+            again = self.planner.call("plan_goal", goal=goal)
             if again["complete"] and not again["steps"]:
                 self._close(plan, "reached")
                 self._cancel(plan, "the goal holds already")
@@ -185,7 +187,7 @@ class Crew:
             if not again["complete"] and not may_be_part:
                 return self._give_up(plan, _refused(again))
             self.planner.call(
-                "store_plan", goal=plan["goal"], digest=again["digest"], replaces=plan["task"],
+                "store_plan", goal=goal, digest=again["digest"], replaces=plan["task"],
                 priority=plan["priority"], deadline=plan["deadline"], agent=self.agent,
                 asking_price=plan["asking_price"], failing_price=plan["failing_price"],
                 allow_part=plan["allows_part"],

@@ -3,7 +3,8 @@
 Where a hand gets to, the graph knows by places. Within a place it depends on how the thing stands
 there, which only the robot's planning tells. What it found no way to twice, with nothing taken away
 there in between, another robot moves; its next place for the thing is a new one. Where nobody else
-can move it, or there is no room to put it down, what stands beside it is taken elsewhere.
+can move it, or there is no room to put it down, what stands beside it is taken elsewhere: to a
+place that several robots reach, or, where there is none, for as long as it is in the way.
 """
 
 from __future__ import annotations
@@ -57,6 +58,8 @@ class Rearranging:
     _moves: Counter[str] = field(default_factory=Counter)
     """Plans stored for a thing, which bound what is tried, and those of them carried out."""
     _times_helped: Counter[str] = field(default_factory=Counter)
+    _borrowed: dict[str, tuple[str, str]] = field(default_factory=dict)
+    """Where things belong that stand elsewhere only for a while, and for which goal; by IRI."""
     _unmoved: set[str] = field(default_factory=set)
     """Things that another robot could not move either."""
     _counted: set[str] = field(default_factory=set)
@@ -98,11 +101,49 @@ class Rearranging:
         is_stuck = is_full or item in self._unmoved
         if not is_stuck and self._store_move(plan, item, item, place, robot):
             return True
-        beside = (other for other in self._contents_of(place) if other != item)
-        return any(self._store_move(plan, item, other, place) for other in beside)
+        beside = [other for other in self._contents_of(place) if other != item]
+        if any(self._store_move(plan, item, other, place) for other in beside):
+            return True
+        # A robot that is alone gets back what it puts aside; nobody asked for it to be there.
+        for other in beside:
+            if self._store_move(plan, item, other, place, is_alone=True):
+                self._borrowed[other] = place, plan["settled"] or plan["goal"]
+                return True
+        return False
+
+    def bring_back(self) -> bool:
+        """Store plans by which things that only were in the way come back; tell if there is one.
+
+        What the goal itself is about stays where it is: a can that was put aside into the box may
+        belong there.
+        """
+        is_any = False
+        for moved, (place, goal) in list(self._borrowed.items()):
+            del self._borrowed[moved]
+            try:
+                if moved in self.planner.call("plan_goal", goal=goal)["names"]:
+                    continue
+                back = f"<{moved}> rt:locatedOn <{place}>"
+                answer = self.planner.call("plan_goal", goal=back)
+                if not answer["complete"] or not answer["steps"]:
+                    continue
+                stored = self.store(goal=back, digest=answer["digest"])
+            except RtaskError as error:
+                if not error.answer_status or error.answer_status >= 500:
+                    raise
+                continue
+            self.helping[stored["task"]] = moved
+            is_any = True
+        return is_any
 
     def _store_move(
-        self, plan: Mapping[str, Any], item: str, moved: str, place: str, but: str = ""
+        self,
+        plan: Mapping[str, Any],
+        item: str,
+        moved: str,
+        place: str,
+        but: str = "",
+        is_alone: bool = False,
     ) -> bool:
         """Store a plan that takes something away from a place; return whether there is one.
 
@@ -112,8 +153,10 @@ class Rearranging:
             IRIs of the thing for which it is moved, and of what is moved.
         but
             IRI of a robot that is not to do it.
+        is_alone
+            Also to a place that only one robot reaches.
         """
-        for elsewhere in self._places(but or _NOBODY, moved, place):
+        for elsewhere in self._places(but or _NOBODY, moved, place, is_alone):
             goal = f"<{moved}> rt:locatedOn <{elsewhere}>"
             try:
                 answer = self.planner.call("plan_goal", goal=goal)
@@ -174,13 +217,14 @@ class Rearranging:
     def _is_at(self, item: str, place: str) -> bool:
         return bool(self.planner.query(_IS_AT % (item, place)))
 
-    def _places(self, robot: str, item: str, place: str) -> list[str]:
+    def _places(self, robot: str, item: str, place: str, is_alone: bool) -> list[str]:
         """Return places to which another robot could move a thing, the emptiest first.
 
-        Where one robot alone gets to, only if the thing was there before: else nobody might get it
-        back from there.
+        Where one robot alone gets to, only if the thing was there before, or comes back: else
+        nobody might get it back from there.
         """
         values = {"prefixes": PREFIXES, "robot": robot, "place": place, "item": item}
+        values["shared"] = "" if is_alone else _SHARED.format(**values)
         rows = self.planner.query(_ELSEWHERE.format(**values))
         things = Counter(str(row["at"]) for row in rows if row["thing"] is not None)
         return sorted({str(row["at"]) for row in rows}, key=lambda at: (things[at], at))
@@ -212,7 +256,8 @@ SELECT ?at WHERE {{ VALUES (?item ?at) {{ (<%s> <%s>) }} ?item rt:locatedOn ?at 
 _ELSEWHERE = """{prefixes}
 SELECT DISTINCT ?at ?thing WHERE {{
   ?other rt:reaches <{place}>, ?at FILTER(?other != <{robot}> && ?at != <{place}>)
-  FILTER(EXISTS {{ ?third rt:reaches ?at FILTER(?third != ?other) }}
-         || EXISTS {{ ?earlier rt:placementOf <{item}> ; rt:placedOn ?at }})
+  {shared}
   OPTIONAL {{ ?thing a rt:Exemplar ; rt:locatedOn ?at }}
 }}"""
+_SHARED = """FILTER(EXISTS {{ ?third rt:reaches ?at FILTER(?third != ?other) }}
+         || EXISTS {{ ?earlier rt:placementOf <{item}> ; rt:placedOn ?at }})"""

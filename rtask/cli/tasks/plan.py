@@ -142,6 +142,7 @@ def _plan_here(
         plan = kb.tasks.plan(goal["goal"], assume_reach=goal["assume_reach"])
         answer = answer_of(plan, pddl=form == "pddl", tree=form == "tree").as_json()
         if order and (plan.steps or _leaves_open(order, answer)):
+            order = order.due_by(plan.deadline)
             task = kb.tasks.store(plan, agent, order)
             late_s = order.late_s(plan.duration_s, dt.datetime.now(dt.UTC))
             answer |= {"task": task, "commit": str(kb.seq), "late_s": round(late_s, 3)}

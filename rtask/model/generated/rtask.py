@@ -3433,6 +3433,10 @@ class TaskPlan(Task):
     replaces_plan
         The plan was made for the same goal after the other could not be carried out; nothing
         more is begun of that.
+    settled_goal
+        The goal as JSON, with the things that its words meant when it was stated; it is
+        planned again from this, as the words would mean other things once a part of it is
+        done.
     task_deadline
         When the plan is to be done; no step of it is begun later.
     task_priority
@@ -3449,6 +3453,7 @@ class TaskPlan(Task):
     open_goal: Many[str] = Many(_RT + "openGoal", _XSD + "string")
     plan_assumption: Many[str] = Many(_RT + "planAssumption", _XSD + "string")
     replaces_plan: Links[TaskPlan] = Links(_RT + "replacesPlan", _RT + "TaskPlan")
+    settled_goal: Many[str] = Many(_RT + "settledGoal", _XSD + "string")
     task_deadline: Many[datetime.datetime] = Many(_RT + "taskDeadline", _XSD + "dateTime")
     task_priority: Many[int] = Many(_RT + "taskPriority", _XSD + "integer")
 

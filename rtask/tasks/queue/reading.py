@@ -27,7 +27,7 @@ MAX_LEASE_S = 3600.0
 
 _PLANS = f"""{PREFIXES}
 SELECT ?plan ?graph ?goal ?made ?priority ?deadline ?cancelled ?reason ?replaced ?asking ?failing
-  ?part
+  ?part ?settled
 WHERE {{
   GRAPH ?graph {{ ?plan a rt:TaskPlan ; rt:goalText ?goal }}
   OPTIONAL {{ ?plan prov:generatedAtTime ?made }}
@@ -38,6 +38,7 @@ WHERE {{
   OPTIONAL {{ ?replaced rt:replacesPlan ?plan }}
   OPTIONAL {{ ?plan rt:askingPrice ?asking ; rt:failingPrice ?failing }}
   OPTIONAL {{ ?plan rt:allowsPart ?part }}
+  OPTIONAL {{ ?plan rt:settledGoal ?settled }}
 }}"""
 _OPEN = f"""{PREFIXES}
 SELECT DISTINCT ?plan ?open WHERE {{ ?plan a rt:TaskPlan ; rt:openGoal ?open }} ORDER BY ?open"""
@@ -214,6 +215,7 @@ class QueuedPlan:
     prices: Prices | None = None
     open_goals: tuple[str, ...] = ()
     allows_part: bool = False
+    settled: str = ""
 
     def state(self, now: dt.datetime) -> str:
         """Return cancelled, replaced, done, blocked, declined, failed, late, running or waiting.
@@ -248,6 +250,7 @@ class QueuedPlan:
             "failing_price": None if self.prices is None else self.prices.failing,
             "steps": [_step_dict(step, now) for step in self.steps],
             "open_goals": list(self.open_goals), "allows_part": self.allows_part,
+            "settled": self.settled,
         }  # fmt: skip
 
 
@@ -294,7 +297,7 @@ def _plan(row: Row, steps: tuple[QueuedStep, ...], open_goals: tuple[str, ...]) 
         _time(row.value("made")), int(str(priority)) if priority is not None else 0,
         _time(row.value("deadline")), cancelled, row.value("replaced") is not None, steps,
         _prices(row.value("asking"), row.value("failing")), open_goals,
-        str(row.value("part")).lower() in ("true", "1"),
+        str(row.value("part")).lower() in ("true", "1"), str(row.value("settled") or ""),
     )  # fmt: skip
 
 

@@ -90,7 +90,7 @@ def test_what_a_goal_leaves_out_may_be_named_by_what_tells_it_apart():
         f"rt:graspWidth 0.04e0 ; rt:mass 0.1e0 . {placed(9, RIGHT)}"
     ) as graph:
         plan = graph.tasks.plan("all cups except the red one onto the table")
-    assert plan.understood == ("all: cups except red cup: at table",)
+    assert plan.understood == ("all: cups except red cups: at table",)
     assert {step.arguments["thing"] for step in plan.steps} == {f"{BASE}thing/9"}
 
 
@@ -124,11 +124,11 @@ def test_what_comes_then_waits_for_all_before_it(kb):
 def test_a_goal_that_is_not_understood_says_what_was_and_the_nearest_names(kb):
     with pytest.raises(UnknownTermError, match=r"'jugg' means nothing.*nearest names are jug"):
         kb.tasks.plan("the jugg into the left box")
-    with pytest.raises(UsageError, match=r"does not say where to; understood: 'pen' \(kind\)"):
+    with pytest.raises(UsageError, match=r"does not say where to.*; understood: 'pen' \(kind\)"):
         kb.tasks.plan("every pen")
     with pytest.raises(UnknownTermError, match="nothing in the graph fits"):
         kb.tasks.plan("every mug into the left box")
-    with pytest.raises(UsageError, match="does not say what is left out"):
+    with pytest.raises(UsageError, match="'into' after 'everything except'"):
         kb.tasks.plan("everything except into the right box")
     with pytest.raises(UsageError, match=r"by 18:00.*--deadline"):
         kb.tasks.plan("every pen into the left box by 18:00")

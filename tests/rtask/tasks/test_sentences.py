@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from collections.abc import Iterator
 
 import pytest
@@ -10,7 +11,7 @@ import rtask
 from rtask.errors import UnknownTermError, UsageError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.namespaces import PREFIXES
-from rtask.tasks.sentences import aims_in_words
+from rtask.tasks.language.reader import read_goal
 from tests.rtask.tasks.conftest import BASE, LEFT, RIGHT, TABLE, placed, robot
 
 THINGS = {
@@ -18,6 +19,7 @@ THINGS = {
     "cup-3": ("Cup", "green", RIGHT), "can-1": ("Can", "blue", TABLE),
     "pen-1": ("Pen", "black", TABLE), "pen-2": ("Pen", "red", LEFT), "jug": ("Bottle", "", LEFT),
 }  # fmt: skip
+MASSES = {"cup-2": 0.12, "cup-3": 0.2}
 CUPS = {"cup-1", "cup-2", "cup-3"}
 PLACES = {TABLE: "table", LEFT: "left box", RIGHT: "right box"}
 
@@ -32,9 +34,10 @@ def lab() -> Iterator[KnowledgeBase]:
     for number, (name, (kind, colour, place)) in enumerate(THINGS.items(), 1):
         has = f"rt:hasColour rt:colour_{colour} ; " if colour else ""
         rows.append(f'<{BASE}object/{number}> a rt:{kind} ; rt:objectId "lab/{number}" ; '
-                    f'{has}rt:name "{name}" ; rt:graspWidth 0.04e0 ; rt:mass 0.1e0 . '
-                    f"{placed(number, place)}")  # fmt: skip
+                    f'{has}rt:name "{name}" ; rt:graspWidth 0.04e0 ; '
+                    f"rt:mass {MASSES.get(name, 0.1)}e0 . {placed(number, place)}")  # fmt: skip
     # The can stood in the left box before it came to the table.
+    rows.append(f'<{BASE}object/2> rt:surfaceMaterial "plastic" .')
     rows.append(
         f"<{BASE}placement/old> a rt:Placement ; rt:placementOf <{BASE}thing/4> ; "
         f"rt:placedOn <{LEFT}> ; time:hasBeginning <{BASE}old/b> ; time:hasEnd <{BASE}old/e> . "
@@ -53,7 +56,7 @@ def read(lab: KnowledgeBase, goal: str) -> list[tuple[int | None, set[str], set[
     """Return number, things and places of each goal of a sentence."""
     names = {f"{BASE}thing/{number}": name for number, name in enumerate(THINGS, 1)}
     read_ = []
-    for aim in aims_in_words(lab.select, goal, BASE):
+    for aim in read_goal(lab.select, goal, BASE).aims:
         rows = lab.select(f"{PREFIXES}{aim.sparql}")
         things = {names[str(row.value("thing"))] for row in rows}
         places = {PLACES.get(str(row.value("place")), "hand") for row in rows}
@@ -71,7 +74,7 @@ LEFT_BOX, RIGHT_BOX, ON_TABLE = {"left box"}, {"right box"}, {"table"}
          [(None, {"cup-3"}, LEFT_BOX)]),
         ("put in the left box the cups on the table", [(None, {"cup-1", "cup-2"}, LEFT_BOX)]),
         ("put any two cups in the left box", [(2, CUPS, LEFT_BOX)]),
-        ("one of the two cups in the left box", [(1, CUPS, LEFT_BOX)]),
+        ("one of the three cups in the left box", [(1, CUPS, LEFT_BOX)]),
         ("everything except the cups and the pens into the left box",
          [(None, {"can-1", "jug"}, LEFT_BOX)]),
         ("put everything in the left box, except cups, pens and the jug",
@@ -105,6 +108,27 @@ LEFT_BOX, RIGHT_BOX, ON_TABLE = {"left box"}, {"right box"}, {"table"}
         ("put what is in the left box on the table", [(None, {"pen-2", "jug"}, ON_TABLE)]),
         ("put cup-3 in the box on the left", [(None, {"cup-3"}, LEFT_BOX)]),
         ("put the can back where it was", [(1, {"can-1"}, LEFT_BOX)]),
+        ("exactly one cup in the right box", [(1, CUPS, RIGHT_BOX)]),
+        ("exactly two things on the table", [(2, {"cup-1", "cup-2", "can-1", "pen-1"},
+                                              {"left box", "right box"})]),
+        ("the heaviest of the cups onto the table", [(1, {"cup-3"}, ON_TABLE)]),
+        ("things weighing less than 120 g onto the table",
+         [(None, {"cup-1", "can-1", "pen-1", "pen-2", "jug"}, ON_TABLE)]),
+        ("swap the can and cup-3", [(None, {"can-1"}, RIGHT_BOX), (None, {"cup-3"}, ON_TABLE)]),
+        ("half of the pens into the right box", [(1, {"pen-1", "pen-2"}, RIGHT_BOX)]),
+        ("one pen into the right box and the other pens onto the table",
+         [(1, {"pen-1", "pen-2"}, RIGHT_BOX), (None, {"pen-1", "pen-2"}, ON_TABLE)]),
+        ("if there is a can on the table, put it where cup-3 is",
+         [(1, {"can-1"}, RIGHT_BOX)]),
+        ("unless the table is empty, put the jug on it", [(None, {"jug"}, ON_TABLE)]),
+        ("if the right box is empty, put the jug into it; otherwise put it on the table",
+         [(None, {"jug"}, ON_TABLE)]),
+        ("before you clear the table, could you please put the jug in the right box",
+         [(None, {"jug"}, RIGHT_BOX),
+          (None, {"cup-1", "cup-2", "can-1", "pen-1"}, {"left box", "right box"})]),
+        ("all cups but the green one must in the left box be",
+         [(None, {"cup-1", "cup-2"}, LEFT_BOX)]),
+        ("plastic things to the table", [(None, {"cup-2"}, ON_TABLE)]),
         ("the cups into the left box, then the pens",
          [(None, CUPS, LEFT_BOX), (None, {"pen-1", "pen-2"}, LEFT_BOX)]),
     ],
@@ -124,7 +148,9 @@ def test_each_word_of_a_goal_counts_where_it_stands(lab, goal, meaning):
         "all except two cups into the left box", "all but a cup into the left box",
         "put a pen in each box", "put a pen on each table", "put nothing in the left box",
         "is the cup in the left box", "the red in the left box", "put the cups in the red box",
-        "everything on the table except the can in the right box", "empty cups into the left box",
+        "one of the two cups in the left box", "the red cups and pens onto the table",
+        "the cups are in the left box", "put the cups back", "do not move the jug",
+        "all cups except the white one onto the table", "empty cups into the left box",
         "the cups into the left box onto the table", "put the can next to the jug",
     ],
 )  # fmt: skip
@@ -140,3 +166,29 @@ def test_things_are_shared_out_among_goals_and_none_is_to_be_at_two_places(lab):
     assert sorted(at.values()).count(LEFT) == 2
     with pytest.raises(UsageError, match="cannot both hold in the end"):
         lab.tasks.plan("all cups into the left box, then cup-1 onto the table")
+
+
+def test_a_goal_that_hangs_on_what_does_not_hold_asks_for_nothing(lab):
+    plan = lab.tasks.plan("if the table is empty, put all cups on it")
+    assert plan.is_complete
+    assert not plan.steps
+    assert "does not hold" in plan.text
+
+
+def test_words_that_will_mean_other_things_are_planned_again_from_what_they_meant(lab):
+    plan = lab.tasks.plan("a pen from the table into the right box")
+    again = lab.tasks.plan(plan.settled)
+    assert (again.goal, again.digest, again.settled) == (plan.goal, plan.digest, plan.settled)
+    assert f"{BASE}thing/5" in plan.settled
+    assert f"{BASE}thing/6" not in plan.settled
+    assert not lab.tasks.plan("all pens into the right box").settled
+
+
+def test_the_time_that_a_goal_names_is_its_deadline(lab):
+    now = dt.datetime(2026, 1, 1, 10, tzinfo=dt.UTC)
+    for words in ("within 90 minutes", "by 11:30 UTC", "before 12:30 +01:00"):
+        understood = read_goal(lab.select, f"all cups onto the table {words}", BASE, now)
+        assert understood.deadline == dt.datetime(2026, 1, 1, 11, 30, tzinfo=dt.UTC)
+        assert len(understood.aims) == 1
+    with pytest.raises(UsageError, match="time zone"):
+        read_goal(lab.select, "by noon all cups onto the table", BASE, now)

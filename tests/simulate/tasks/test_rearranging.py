@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -107,6 +109,23 @@ def test_what_stands_in_the_way_of_a_thing_that_nobody_else_can_move_is_taken_aw
     assert (ended.goal, ended.result) == (goal, "reached")
     assert world.lab.where[PEN] == shelf
     assert world.lab.where[JUG] in goal
+
+
+@pytest.mark.parametrize(
+    ("more", "pen"), [("", TABLE), (f" . <{PEN}> rt:locatedOn <{RIGHT}>", RIGHT)]
+)
+def test_what_a_lone_robot_puts_aside_comes_back_unless_the_goal_wants_it_there(world, more, pen):
+    """No two robots reach any place but the table: each box is of one robot alone."""
+    goals = [{"achieve": part.strip(" .")} for part in
+             (f"<{JUG}> rt:locatedOn <{RIGHT}>", *filter(None, [more]))]  # fmt: skip
+    world.lab = read_lab(world.planner.query, np.random.default_rng(3))
+    world.store(json.dumps({"goals": goals}))
+    crew = world.crew()
+    crew.robots[PANDA].body = Hemmed(world.lab.robot(PANDA), "grasp_collision")
+    (ended,) = crew.work()
+    assert ended.result == "reached"
+    assert (world.lab.where[JUG], world.lab.where[PEN]) == (RIGHT, pen)
+    assert "put" in [what for _, what, item in world.lab.done if item == PEN]
 
 
 @pytest.mark.parametrize(

@@ -72,7 +72,7 @@ class StorePlan(Message):
     priority: Annotated[Whole, Ge(-100), Le(100)] = 0
     """plans with a greater one are begun first"""
     deadline: Annotated[Number, Unit("s"), Ge(0)] | None = None
-    """Unix time after which no step is begun; default: none"""
+    """Unix time after which no step is begun; default: what the goal says, or none"""
     replaces: Iri | None = None
     """IRI of an earlier plan for the goal, of which nothing more is begun; default: none"""
     asking_price: Annotated[Number, Ge(0), Le(_MAX_PRICE)] | None = None
@@ -155,6 +155,11 @@ class GoalPlan(Answer):
     duration_s: float
     chance: float
     """that all steps succeed at once"""
+    deadline: float | None = None
+    """Unix time by which the goal says that it is to be reached; store_plan keeps to it"""
+    settled: str = ""
+    """the goal as JSON with the things that its words mean now, where they will mean others once a
+    part of it is done; empty otherwise. What is planned again later is this"""
     digest: str
     """of the steps, for store_plan"""
     text: str
@@ -213,7 +218,7 @@ def store_plan(context: Context, request: StorePlan, access: Access) -> StoredPl
     if author.role == "robot":
         _require_own(context, plan, author)
     with context.writing:
-        order = _order(context, request, author)
+        order = _order(context, request, author).due_by(plan.deadline)
         task, commit = storing.store_plan(context.kb, plan, access=author, order=order)
     return StoredPlan(
         **_fields(plan, pddl=False, tree=False),

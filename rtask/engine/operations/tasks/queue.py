@@ -186,6 +186,9 @@ class ListedPlan(Answer):
     """what of the goal was out of reach when it was planned, and why"""
     allows_part: bool
     """whether the rest is to be done even so"""
+    settled: str
+    """the goal as JSON with the things that its words meant, from which it is planned again; empty
+    where the words still say the same"""
 
 
 class ListedPlans(Answer):

@@ -1,0 +1,284 @@
+"""Deeds as goals: which things, how many of them, and where to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from rtask.errors import UsageError
+from rtask.rdf.terms import Term
+from rtask.tasks.actions import Select
+from rtask.tasks.goals import LOCATED, Aim
+from rtask.tasks.language.meaning import Condition, Deed, Phrase, Place, Quantity
+from rtask.tasks.language.patterns import (
+    EARLIER,
+    HAND,
+    destination,
+    elsewhere,
+    exemplars_of,
+    fitting,
+    measured,
+    places_of,
+)
+
+__all__ = ["aims_of", "holds"]
+
+_TIE = 1e-9
+
+
+def aims_of(select: Select, deed: Deed) -> Iterator[Aim]:
+    """Yield the goals of a deed; none where what it says of a number holds already.
+
+    Raises
+    ------
+    UsageError
+        It cannot be said now which things are meant, or how many.
+    """
+    if deed.kind == "swap":
+        yield from _swap(select, deed)
+        return
+    phrase, quantity = deed.phrase, deed.phrase.quantity
+    conditions = list(fitting(phrase))
+    for left_out in phrase.left_out:
+        # A colour that nobody has stated would leave nothing out, in silence.
+        if left_out.is_described and not exemplars_of(select, list(fitting(left_out))):
+            raise UsageError(f"which {left_out.text} is to be left out is not known")
+    if deed.kind == "back":
+        _require_earlier(select, phrase, conditions)
+    if deed.kind == "away":
+        assert deed.source is not None
+        conditions += _at(deed.source)
+    if phrase.superlative is not None:
+        conditions = [_most(select, phrase, conditions)]
+    where = [*conditions, _end(select, deed)]
+    number, is_away = _number(select, deed, conditions)
+    if is_away:
+        assert deed.target is not None
+        where = [*conditions, *_at(deed.target), elsewhere(places_of(deed.target))]
+    if number == 0:
+        return
+    words = (quantity or _usual(phrase)).text
+    yield Aim(
+        LOCATED, " . ".join(where), number, f"{'then ' * bool(deed.stage)}{words} {_about(deed)}",
+        deed.stage, phrase.others, _passing_end(deed, where),
+    )  # fmt: skip
+
+
+def _passing_end(deed: Deed, where: Sequence[str]) -> str | None:
+    """Return the end of a goal whose words mean other things once a part of it is done."""
+    phrase = deed.phrase
+    if deed.kind == "back":
+        return ""
+    kind = phrase.quantity.kind if phrase.quantity is not None else ""
+    is_passing = phrase.places or phrase.superlative is not None or kind in ("share", "definite")
+    left_out = any(item.places for item in phrase.left_out)
+    is_there = deed.target is not None and deed.target.holds is not None
+    if is_passing or left_out or is_there or deed.kind == "away" or kind in ("exactly", "at_most"):
+        return where[-1]
+    return None
+
+
+def _require_earlier(select: Select, phrase: Phrase, conditions: Sequence[str]) -> None:
+    """Refuse to put back things of which it is not known where they were.
+
+    Raises
+    ------
+    UsageError
+        Some were at one place alone as far as the graph knows; to pass over them would be silent.
+    """
+    things = exemplars_of(select, conditions)
+    stated = exemplars_of(select, [*conditions, EARLIER])
+    if len(stated) < len(things):
+        raise UsageError(
+            f"of {len(things) - len(stated)} of {len(things)} {phrase.text} it is not known where "
+            "they were before"
+        )
+
+
+def _at(place: Place) -> list[str]:
+    """Return the conditions that things are at a place now."""
+    return list(fitting(Phrase(places=((place, False),)), "at"))
+
+
+def _end(select: Select, deed: Deed) -> str:
+    """Return the condition that a place is where a deed ends."""
+    if deed.kind == "hold":
+        return HAND
+    if deed.kind == "back":
+        return EARLIER
+    if deed.kind == "away":
+        assert deed.source is not None
+        return elsewhere(places_of(deed.source))
+    assert deed.target is not None
+    return destination(select, deed.target)
+
+
+def _usual(phrase: Phrase) -> Quantity:
+    """Return for how many things a phrase is meant that does not say so.
+
+    The name of a product means all things of it.
+    """
+    is_kind = any(name.role("kind", "use") for name in phrase.heads)
+    is_single = (is_kind or phrase.is_generic or phrase.is_elided) and not phrase.is_plural
+    return Quantity("some", 1) if is_single else Quantity("all")
+
+
+def _number(select: Select, deed: Deed, conditions: Sequence[str]) -> tuple[int | None, bool]:
+    """Return for how many things a goal is, None for all; and whether they are to go elsewhere.
+
+    Of "exactly two cups in the box" the third one goes elsewhere where three are there.
+    """
+    quantity = deed.phrase.quantity or _usual(deed.phrase)
+    if deed.phrase.superlative is not None:
+        return (int(quantity.number) if quantity.number else 1), False
+    if quantity.total and len(exemplars_of(select, conditions)) != quantity.total:
+        raise UsageError(
+            f"the {quantity.total} {deed.phrase.text}: the graph knows of "
+            f"{len(exemplars_of(select, conditions))}"
+        )
+    if quantity.kind == "all":
+        return None, False
+    if quantity.kind == "some":
+        return int(quantity.number), False
+    things = exemplars_of(select, conditions)
+    if quantity.kind == "definite":
+        if len(things) != quantity.number:
+            raise UsageError(
+                f"the {quantity.number:g} {deed.phrase.text}: the graph knows of {len(things)}"
+            )
+        return None, False
+    if quantity.kind == "share":
+        number = len(things) * quantity.number
+        if abs(number - round(number)) > _TIE:
+            raise UsageError(
+                f"{quantity.number * 100:.0f} % of {len(things)} {deed.phrase.text} is "
+                f"{number:g}: say how many"
+            )
+        return round(number), False
+    if deed.target is None or not all(name.role("place") for name in deed.target.names):
+        raise UsageError(f"{deed.phrase.text!r}: exactly or at most how many is said of a place")
+    there = len(things.keys() & exemplars_of(select, [*conditions, *_at(deed.target)]).keys())
+    surplus = there - int(quantity.number)
+    if surplus > 0:
+        return surplus, True
+    return (0 if quantity.kind == "at_most" else int(quantity.number)), False
+
+
+def _most(select: Select, phrase: Phrase, conditions: Sequence[str]) -> str:
+    """Return the condition that a thing is one of those that have the most, or least, of a measure.
+
+    Raises
+    ------
+    UsageError
+        Several are alike at the bound, so that which of them is meant is not said.
+    """
+    assert phrase.superlative is not None
+    values = measured(select, conditions, phrase.superlative.measure)
+    sign = -1 if phrase.superlative.is_most else 1
+    order = sorted(values, key=lambda thing: (sign * values[thing], str(thing)))
+    quantity = phrase.quantity or Quantity("some", 1)
+    number = int(quantity.number)
+    chosen = order[:number]
+    if len(order) > number and abs(values[order[number]] - values[chosen[-1]]) < _TIE:
+        raise UsageError(
+            f"several {phrase.text} are alike, so that which {number} is meant is not said"
+        )
+    return f"VALUES ?thing {{ {' '.join(map(str, chosen))} }}" if chosen else " . ".join(conditions)
+
+
+def _swap(select: Select, deed: Deed) -> Iterator[Aim]:
+    """Yield the goals that some things are where others are now, and those where these are."""
+    assert deed.partner is not None
+    sides = [_side(select, phrase) for phrase in (deed.phrase, deed.partner)]
+    for (things, _), (_, place), phrase in (
+        (sides[0], sides[1], deed.phrase), (sides[1], sides[0], deed.partner),
+    ):  # fmt: skip
+        rows = " ".join(f"({thing} {place})" for thing in sorted(things, key=str))
+        yield Aim(
+            LOCATED, f"VALUES (?thing ?place) {{ {rows} }}", None,
+            f"{'then ' * bool(deed.stage)}all: {phrase.text}: swapped", deed.stage, end="",
+        )  # fmt: skip
+
+
+def _side(select: Select, phrase: Phrase) -> tuple[list[Term], Term]:
+    matches = exemplars_of(select, list(fitting(phrase)))
+    places = {place for of in matches.values() for place in of}
+    is_single = (phrase.quantity or _usual(phrase)) == Quantity("some", 1)
+    if len(places) != 1 or not all(matches.values()) or (is_single and len(matches) != 1):
+        raise UsageError(
+            f"to swap {phrase.text!r}, it has to be clear which thing is meant and where it is; "
+            f"the graph knows of {len(matches)} at {len(places)} places"
+        )
+    return list(matches), next(iter(places))
+
+
+def _about(deed: Deed) -> str:
+    """Return what a goal is about, and where that is to be, for people."""
+    phrase = deed.phrase
+    called = sum(len(kind.called) for head in phrase.heads if (kind := head.role("kind")))
+    about = phrase.text if phrase.heads or phrase.is_described else (
+        phrase.text.replace("things", "everything that has a place", 1)
+    )  # fmt: skip
+    about += f" (and {called} only called so)" if called else ""
+    if deed.kind == "away":
+        assert deed.source is not None
+        return f"{about} at {deed.source.text}: elsewhere"
+    ends = {"hold": "held", "back": "where it was before"}
+    if deed.kind in ends:
+        return f"{about}: {ends[deed.kind]}"
+    assert deed.target is not None
+    return f"{about}: at {deed.target.text}"
+
+
+def holds(select: Select, condition: Condition) -> bool:
+    """Return whether a condition holds now, as far as the graph knows.
+
+    Raises
+    ------
+    UsageError
+        Nobody has stated what it asks, so that it is not known.
+    """
+    if condition.is_empty:
+        assert condition.place is not None
+        return (not exemplars_of(select, _at(condition.place))) != condition.is_not
+    assert condition.phrase is not None
+    phrase, quality = condition.phrase, condition.quality
+    quantity = phrase.quantity or (Quantity("all") if quality else Quantity("some", 1))
+    is_no, bare = quantity.kind == "no", replace(phrase, quantity=None)
+    all_ = exemplars_of(select, list(fitting(bare)))
+    if quality is None:
+        return _is_count(len(all_), quantity) != condition.is_not
+    those = exemplars_of(select, [*fitting(bare), *fitting(quality, "quality")])
+    if is_no or quantity.kind in ("some", "exactly", "at_most"):
+        return _is_count(len(those), quantity) != condition.is_not
+    if not all_:
+        raise UsageError(f"the graph knows of no {phrase.text}, so that the condition is not known")
+    rest = all_.keys() - those.keys()
+    stated = exemplars_of(select, [*fitting(bare), *_is_stated(quality)]) if rest else {}
+    if rest - stated.keys():
+        raise UsageError(
+            f"whether {phrase.text} is {quality.text} is not known: nobody has stated it"
+        )
+    if rest and those:
+        raise UsageError(f"some of {phrase.text} are {quality.text} and some are not")
+    return (not rest) != condition.is_not
+
+
+def _is_count(number: int, quantity: Quantity) -> bool:
+    return {
+        "no": number == 0, "exactly": number == quantity.number,
+        "at_most": number <= quantity.number, "definite": number == quantity.number,
+    }.get(quantity.kind, number >= max(1, quantity.number))  # fmt: skip
+
+
+def _is_stated(quality: Phrase) -> Iterator[str]:
+    """Yield the conditions under which it is known that a thing is not as it should be."""
+    if quality.colours:
+        yield "?thing rt:exemplarOf/rt:hasColour ?known_colour"
+    if quality.materials:
+        yield "?thing rt:exemplarOf/rt:surfaceMaterial ?known_material"
+    if quality.traits:  # heavy is derived from the mass; nobody states that a thing is not fragile
+        heavy = all(name.text.lower() == "heavy" for names, _ in quality.traits for name in names)
+        yield "?thing rt:exemplarOf/rt:effectiveMass ?known_mass" if heavy else "FILTER(false)"
+    if quality.places:
+        yield "?thing rt:locatedOn ?known_place"

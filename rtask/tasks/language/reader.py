@@ -1,0 +1,191 @@
+"""Goals in words, such as ``every cup into the left box``, as patterns.
+
+No model takes part: names, labels and kinds are looked up as for questions in words, and every
+word has to fit where it stands, so that nothing is passed over in silence.
+"""
+
+from __future__ import annotations
+
+import datetime
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from rtask.errors import UnknownTermError, UsageError
+from rtask.rdf.namespaces import PREFIXES
+from rtask.tasks.actions import Select
+from rtask.tasks.goals import MAX_TEXT, Aim
+from rtask.tasks.language.aims import aims_of, holds
+from rtask.tasks.language.items import Items, read_items
+from rtask.tasks.language.lexicon import ADJECTIVES, CLASSES, GRASP, NUMBERS, PUT, expanded
+from rtask.tasks.language.meaning import Condition
+from rtask.tasks.language.sentences import Reading, readings
+from rtask.tasks.language.times import deadline_in
+
+__all__ = ["MAX_TEXT", "Understood", "read_goal"]
+
+_MAX_NAMES = 500
+_MAX_COMPARED = 12
+_VOCABULARY = frozenset().union(*CLASSES.values(), PUT, GRASP, ADJECTIVES, NUMBERS)
+
+
+_Meaning = tuple[frozenset[tuple[str, ...]], int | None, int, bool]
+"""What fits a goal, for how many, its stage, and whether it is about the rest."""
+
+
+@dataclass(frozen=True)
+class Understood:
+    """What a sentence asks for.
+
+    Parameters
+    ----------
+    aims
+        Its goals; empty where its condition does not hold, or what it says of a number does.
+    remarks
+        What was found of its conditions, in words.
+    deadline
+        By when, if it says so.
+    """
+
+    aims: tuple[Aim, ...]
+    remarks: tuple[str, ...] = ()
+    deadline: datetime.datetime | None = None
+
+
+def read_goal(
+    select: Select, text: str, base: str = "", now: datetime.datetime | None = None
+) -> Understood:
+    """Return the goals of a sentence.
+
+    Parameters
+    ----------
+    select
+        Evaluates the look-ups.
+    base
+        What ``kb:`` stands for; empty where that is not known.
+    now
+        What "within five minutes" counts from; by default the clock.
+
+    Raises
+    ------
+    UsageError
+        The text is empty or too long, no goal can be read in it, or several that differ; the
+        message says what was understood.
+    UnknownTermError
+        A word means nothing here; the message has the nearest names.
+    """
+    if not text.strip() or len(text) > MAX_TEXT:
+        raise UsageError(f"a goal has 1 to {MAX_TEXT} characters, not {len(text)}")
+    plain, deadline = deadline_in(text, now or datetime.datetime.now(datetime.UTC))
+    items = read_items(select, expanded(plain), base)
+    ways = readings(items)
+    if not ways:
+        raise _not_understood(select, items)
+    matches: dict[frozenset[_Meaning], Understood] = {}
+    void: dict[frozenset[_Meaning], Understood] = {}
+    errors: list[UsageError] = []
+    for way in ways[:_MAX_COMPARED]:
+        try:
+            understood = _understood(select, way)
+        except UsageError as error:
+            errors.append(error)
+            continue
+        meaning = _meaning(select, understood)
+        # Nobody speaks of "the cups on the shelf" where none is there, if it can mean else.
+        is_void = any(not ways for ways, *_ in meaning)
+        (void if is_void else matches).setdefault(meaning, understood)
+    matches = matches or void
+    if not matches:
+        raise errors[0]
+    if len(matches) > 1 or errors or len(ways) > _MAX_COMPARED:
+        raise _ambiguous(text, list(matches.values()), errors)
+    return replace(next(iter(matches.values())), deadline=deadline)
+
+
+def _understood(select: Select, way: Reading) -> Understood:
+    aims: list[Aim] = []
+    remarks: dict[str, None] = {}
+    for deed, conditions in way.deeds:
+        unmet = [text for item, is_due in conditions if (text := _unmet(select, item, is_due))]
+        if unmet:
+            remarks.update(dict.fromkeys(unmet))
+            continue
+        of_deed = list(aims_of(select, deed))
+        if not of_deed:
+            remarks[f"{deed.phrase.text}: there are not more"] = None
+        aims += of_deed
+    return Understood(tuple(aims), tuple(remarks))
+
+
+def _unmet(select: Select, condition: Condition, is_due: bool) -> str:
+    """Return why a condition forbids a goal; "" if it does not."""
+    is_so = holds(select, condition)
+    if is_so == is_due:
+        return ""
+    about = condition.place if condition.phrase is None else condition.phrase
+    assert about is not None
+    return f"nothing is to be done now, as the condition about {about.text} " + (
+        "does not hold" if is_due else "holds"
+    )
+
+
+def _meaning(select: Select, understood: Understood) -> frozenset[_Meaning]:
+    """Return what a way of reading comes to in the world as it is."""
+    meanings = []
+    for aim in understood.aims:
+        rows = select(f"{PREFIXES}{aim.sparql}")
+        ways = frozenset(tuple(str(row[name]) for name in aim.variables) for row in rows)
+        number = None if aim.number is not None and _takes_all(aim, ways) else aim.number
+        meanings.append((ways, number, aim.stage, aim.others))
+    return frozenset(meanings)
+
+
+def _takes_all(aim: Aim, ways: frozenset[tuple[str, ...]]) -> bool:
+    return len({way[0] for way in ways}) == aim.number
+
+
+def _ambiguous(
+    text: str, matches: Sequence[Understood], errors: Sequence[UsageError]
+) -> UsageError:
+    ways = [" and ".join(aim.text for aim in way.aims) or "nothing to do" for way in matches]
+    ways += [str(error) for error in errors]
+    listed = "; or ".join(dict.fromkeys(ways[:4]))
+    return UsageError(
+        f"{text!r} can be read in several ways, which are not the same here: {listed}"
+    )
+
+
+def _not_understood(select: Select, items: Items) -> UsageError | UnknownTermError:
+    at = min(items.furthest, len(items) - 1)
+    word = items.word(at)
+    listed = _listed(items)
+    if items.furthest >= len(items):
+        return UsageError(
+            f"{items.text(0, len(items))!r} does not say where to, or not clearly; understood: "
+            f"{listed}; a goal is such as 'every cup into the left box'"
+        )
+    covered = {at for name in items.named
+               for at in range(name.mentions[0].start, name.mentions[0].end)}  # fmt: skip
+    if at in covered or word in _VOCABULARY or not word.isalpha():
+        return UsageError(
+            f"{word!r} after {items.text(0, at)!r} is not understood where it stands; understood: "
+            f"{listed}"
+        )
+    rows = select(
+        f"{PREFIXES}SELECT DISTINCT ?name WHERE {{ {{ ?x rt:name ?name . "
+        "{ ?x a rt:ManipulableObject } UNION { ?x a rt:SupportSurface } UNION { ?x a cora:Robot } "
+        "} UNION { ?k rdfs:subClassOf+ rt:ManipulableObject ; rdfs:label ?name } } "
+        f"LIMIT {_MAX_NAMES}"
+    )
+    names = {str(row.value("name")) for row in rows}
+    near = difflib.get_close_matches(word, sorted(names), n=3, cutoff=0.5)
+    hint = f"; the nearest names are {', '.join(near)}" if near else ""
+    return UnknownTermError(
+        f"{word!r} means nothing here in a goal and is no name in the graph{hint}; understood: "
+        f"{listed}"
+    )
+
+
+def _listed(items: Items) -> str:
+    named = [f"{m.text!r} ({m.role})" for name in items.named for m in name.mentions]
+    return ", ".join(dict.fromkeys(named)) or "nothing"
