@@ -30,6 +30,8 @@ _TOO_NEAR_M = 0.03
 _NO_DEPTH_M = 1e5
 """More than that is the largest float or a figure for infinity, in metres and in millimetres."""
 _MOST_MARKS = 3
+_MOSTLY = 0.5
+"""Share of an image that is below zero for which a turned sign is likelier than a code."""
 
 
 def depth_of_steps(
@@ -54,6 +56,7 @@ def depth_of_steps(
     33% of the depth is exactly 10 m, and nothing lies near it: taken for not measured
     [[0.699999988079071, 0.7099999785423279, 0.0]]
     """
+    _say_negative(say, steps)
     is_measured = (steps > 0) & (steps < np.iinfo(np.uint16).max)
     if is_measured.any():
         for mark in _standing_alone(np.bincount(steps[is_measured].ravel()), steps.size):
@@ -83,6 +86,7 @@ def depth_of_metres(
     >>> depth_of_metres(np.array([[0.7, 3.4e38, -1.0]])).round(1).tolist()
     [[0.699999988079071, 0.0, 0.0]]
     """
+    _say_negative(say, depth_m)
     depth = finite_depth(depth_m)
     depth[depth >= _NO_DEPTH_M] = 0
     for _ in range(_MOST_MARKS):
@@ -122,6 +126,17 @@ def _standing_alone(counts: NDArray[np.intp], pixels: int) -> list[int]:
         if own < upto[-1] and upto[high] - upto[low] - own <= _MAX_NEAR * own:
             marks.append(number)
     return marks
+
+
+def _say_negative(say: Callable[[str], None] | None, numbers: NDArray[Any]) -> None:
+    """Say that most numbers lie below zero, differently far: z backward, as drawings have it."""
+    if say is None or numbers.dtype.kind == "u":
+        return
+    is_negative = numbers < 0
+    share = float(is_negative.mean()) if numbers.size else 0.0
+    below = numbers[is_negative]
+    if share > _MOSTLY and (below != below[0]).any():  # one number may be a code
+        say(f"{share:.0%} of the numbers lie below zero: taken for not measured; is z backward?")
 
 
 def _say_taken(say: Callable[[str], None] | None, share: float, depth_m: float) -> None:

@@ -166,6 +166,8 @@ class Frame:
         Time of capture, s since the epoch.
     is_mask_guessed
         Nobody said where the object is: it was taken to be in the middle.
+    doubts
+        Sentences about what of its numbers is doubtful, such as their unit; nothing was changed.
     """
 
     depth_m: NDArray[np.float32]
@@ -177,6 +179,7 @@ class Frame:
     frame_id: str = ""
     stamp_s: float = 0.0
     is_mask_guessed: bool = False
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.depth_m.ndim != 2:

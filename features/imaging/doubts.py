@@ -19,7 +19,9 @@ from features.segmentation.plane import find_table_plane
 __all__ = [
     "doubtful_bytes",
     "doubtful_camera",
+    "doubtful_distortion",
     "doubtful_frame",
+    "doubtful_inverse",
     "doubtful_rays",
     "doubtful_steps",
     "implausible_cloud",
@@ -27,6 +29,7 @@ __all__ = [
     "implausible_middle",
     "implausible_object",
     "implausible_support",
+    "upright_frame",
 ]
 
 _NEAREST_M, _FARTHEST_M = 0.1, 6.0
@@ -44,20 +47,33 @@ visible point may be above: the top alone of a tall one is seen from above."""
 _OFF_CENTRE, _STRETCHED = 0.25, 1.25
 """A principal point farther from the middle, of the side, and pixels less square, are no camera's
 that shows all of its sensor."""
+_LEFT_IN_VIEW = 0.5
+"""Share of the depth of a wide lens that stays in view at least when it is straightened."""
 _NO_NUMBER_M = 1e-6
 _ROUGHER = 20
 """Neighbours differ so many times more if the bytes of each number are read in the wrong order."""
-_STEP_PX = 3
-"""Every third row and column tells as much of numbers, and sorts in a ninth of the time."""
+_STEP_PX, _FEW_PX = 3, 60_000
+"""Every third row and column tells as much of numbers, and sorts in a ninth of the time; of an
+image of fewer pixels all are needed."""
+_INDEX_BITS = (4, 3, 2)
+_SAME_INDEX, _MIN_STEPS, _LARGEST_STEP = 0.9, 100, 3
+"""Of so many neighbours on a surface, a few units apart above their lowest bits, such a share has
+the same bits below: of depth alone, one in four to sixteen has."""
 _MAX_PLATEAU, _OUTSTANDING, _MANY_NUMBERS = 0.01, 10, 50
 """One number of so many that holds such a share, so many times that of any near it, was not
 measured: noise spreads even a wall that faces the camera."""
 _NEAR_NUMBERS = 0.1
+_NOISY = 0.3
+"""Share of the pixels that differ from one beside them, at least, where there is noise: in a clean
+picture only borders do."""
 _NOISE_M = 0.0015
 """Median second difference along rows: twice as much as rounding to millimetres makes."""
 _BENT = 1.5
 """By so much more points lie in one plane if depth is taken as a distance along the ray."""
 _MIN_PLANE_SHARE = 0.3
+_MOST_POINTS, _DRAWS, _OFF_LINE, _FLATTER = 2_000, 300, 0.012, 1.5
+"""Noise at a table is half of that share of the spread of depth; by so much more points lie in one
+plane if the numbers are linear in inverse depth."""
 _OFF_PLANE_M, _NEAR_PLANE_M = 0.012, 0.4
 _MIN_OFF_PLANE, _BEHIND_PLANE = 200, 0.9
 """So many points stand off the table, and so large a share on the side that no camera sees."""
@@ -96,7 +112,8 @@ def implausible_middle(middle_m: float) -> str:
 
 def _outstanding(depth_m: NDArray[np.float32]) -> str:
     """Return which single number holds more of a depth image than a surface can; else nothing."""
-    some = depth_m[::_STEP_PX, ::_STEP_PX]
+    step = _STEP_PX if depth_m.size > _FEW_PX else 1
+    some = depth_m[::step, ::step]
     numbers, counts = np.unique(some[some > 0], return_counts=True)
     if len(numbers) < _MANY_NUMBERS:
         return ""
@@ -109,7 +126,7 @@ def _outstanding(depth_m: NDArray[np.float32]) -> str:
         return ""
     # Without noise a wall that faces the camera is of one number, too.
     bends = np.abs(np.diff(depth_m, n=2, axis=1))[(depth_m[:, 1:-1] > 0) & _differ(depth_m)]
-    if not len(bends) or np.median(bends) < _NOISE_M:
+    if len(bends) < _NOISY * np.count_nonzero(depth_m > 0) or np.median(bends) < _NOISE_M:
         return ""
     return (
         f"{share:.0%} of the depth is exactly {numbers[most]:.4g} m, which no surface is that is "
@@ -137,11 +154,35 @@ def doubtful_steps(steps: NDArray[np.integer[Any]]) -> str:
         return ""
     by = int(np.gcd.reduce(numbers))
     if by < 2:
-        return ""
+        bits = _index_bits(steps)
+        if not bits:
+            return ""
+        return (
+            f"neighbours that differ have the same lowest {bits} bits: is that an index, as of the "
+            f"persons of a Kinect? A step then is 1/{2**bits} of a millimetre, "
+            f"{0.001 / 2**bits:.4g} m"
+        )
     # Cameras count millimetres: TUM's data sets hold five steps of each, the first Kinect's eight.
     return (
         f"every number is a multiple of {by}: is a step 1/{by} of a millimetre, {0.001 / by:.4g} m?"
     )
+
+
+def _index_bits(steps: NDArray[np.integer[Any]]) -> int:
+    """Return how many of the lowest bits hold something else than depth; 0 if none seem to.
+
+    Kinect's SDK writes depth << 3 | player: 5,600 for .7 m, which would pass for the far wall.
+    """
+    here, there = steps[:, :-1].astype(np.int64), steps[:, 1:].astype(np.int64)
+    is_measured = (here > 0) & (there > 0)
+    here, there = here[is_measured], there[is_measured]
+    for bits in _INDEX_BITS:
+        apart = np.abs((here >> bits) - (there >> bits))
+        is_step = (apart > 0) & (apart <= _LARGEST_STEP)
+        is_same = ((here ^ there) & (2**bits - 1))[is_step] == 0
+        if len(is_same) >= _MIN_STEPS and is_same.mean() > _SAME_INDEX:
+            return bits
+    return 0
 
 
 def doubtful_bytes(message: Mapping[str, Any]) -> str:
@@ -208,6 +249,25 @@ def doubtful_camera(camera: Intrinsics) -> str:
     return ""
 
 
+def doubtful_distortion(seen_m: NDArray[np.float32], straight_m: NDArray[np.float32]) -> str:
+    """Return why a distortion may not be that of an image; empty if it may be.
+
+    Parameters
+    ----------
+    seen_m, straight_m : (h, w) float32, m
+        Depth before and after it was straightened.
+
+    Examples
+    --------
+    >>> doubtful_distortion(np.ones((4, 4), np.float32), np.eye(4, dtype=np.float32))
+    'its distortion leaves 25% of its depth in view: are D and K its own?'
+    """
+    seen, left = np.count_nonzero(seen_m > 0), np.count_nonzero(straight_m > 0)
+    if left >= _LEFT_IN_VIEW * seen:
+        return ""
+    return f"its distortion leaves {left / seen:.0%} of its depth in view: are D and K its own?"
+
+
 def doubtful_rays(depth_m: NDArray[np.float32], camera: Intrinsics) -> str:
     """Return why depth may be the distance along each ray instead of along the axis; else nothing.
 
@@ -226,6 +286,52 @@ def doubtful_rays(depth_m: NDArray[np.float32], camera: Intrinsics) -> str:
         "its largest plane is flat only if depth is the distance along each ray: it is read as "
         "that along the axis of the camera (REP 118)"
     )
+
+
+def doubtful_inverse(depth_m: NDArray[np.float32]) -> str:
+    """Return why numbers may be disparity or inverse depth; empty if they may be depth.
+
+    Over the pixels of a plane the inverse of its depth is linear; depth itself is not. A z-buffer
+    is linear as well, but holds so narrow a range that its inverse nearly is, too: it is not told.
+
+    Examples
+    --------
+    >>> v, u = np.mgrid[:48, :64].astype(np.float32)
+    >>> inverse = (0.8 + 0.02 * v + 0.001 * u).astype(np.float32)
+    >>> doubtful_inverse(1 / inverse)
+    ''
+    >>> doubtful_inverse(inverse)[:51]
+    'its largest plane is flat only if the numbers are d'
+    """
+    rows, columns = np.nonzero(depth_m > 0)
+    if len(rows) < _MOST_POINTS // 4:
+        return ""
+    rng = np.random.default_rng(0)  # the same image, the same answer
+    some = rng.permutation(len(rows))[:_MOST_POINTS]
+    numbers = depth_m[rows[some], columns[some]].astype(np.float64)
+    pixels = np.stack([columns[some], rows[some], np.ones(len(some))], axis=1).astype(np.float64)
+    drawn = rng.integers(len(some), size=(_DRAWS, 3))
+    linear, inverse = (_linear_share(pixels, each, drawn) for each in (numbers, 1 / numbers))
+    if linear < _MIN_PLANE_SHARE or linear < _FLATTER * inverse:
+        return ""
+    return (
+        "its largest plane is flat only if the numbers are disparity or inverse depth: they are "
+        "read as depth"
+    )
+
+
+def _linear_share(
+    pixels: NDArray[np.float64], numbers: NDArray[np.float64], drawn: NDArray[np.int64]
+) -> float:
+    """Return the largest share of numbers (n,) that is linear over its pixels (n, 3), 1 last."""
+    low, high = np.percentile(numbers, [5, 95])
+    corners = pixels[drawn]
+    is_sound = np.abs(np.linalg.det(corners)) > 1.0
+    if not high > low or not is_sound.any():
+        return 0.0
+    slopes = np.linalg.solve(corners[is_sound], numbers[drawn[is_sound]][..., None])[..., 0]
+    off = np.abs(slopes @ pixels.T - numbers)
+    return float((off < _OFF_LINE * (high - low)).mean(axis=1).max())
 
 
 def implausible_cloud(positions: NDArray[np.float32]) -> str:
@@ -258,9 +364,20 @@ def doubtful_frame(positions: NDArray[np.float32], frame_id: str) -> str:
     behind = float((positions[:, 2] < 0).mean()) if len(positions) else 0.0
     if behind > _BEHIND:
         return f"{behind:.0%} of the points lie behind the camera: is z forward in their frame?"
-    if frame_id.rpartition("/")[2] in _UPRIGHT_FRAMES:
-        return f"in the frame {frame_id}, which has z up: it is read as that of a camera, z forward"
-    return _behind_table(positions)
+    return upright_frame(frame_id) or _behind_table(positions)
+
+
+def upright_frame(frame_id: str) -> str:
+    """Return why points of a camera are not in a frame, by its name; empty if they may be.
+
+    Examples
+    --------
+    >>> upright_frame("map")
+    'in the frame map, which has z up: it is read as that of a camera, z forward'
+    """
+    if frame_id.rpartition("/")[2] not in _UPRIGHT_FRAMES:
+        return ""
+    return f"in the frame {frame_id}, which has z up: it is read as that of a camera, z forward"
 
 
 def _behind_table(positions: NDArray[np.float32]) -> str:

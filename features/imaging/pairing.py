@@ -27,6 +27,8 @@ from features.imaging.described import CameraDescriptions, name_space, stamp_of
 from features.imaging.doubts import (
     doubtful_bytes,
     doubtful_camera,
+    doubtful_distortion,
+    doubtful_inverse,
     doubtful_rays,
     doubtful_steps,
     implausible_cloud,
@@ -266,7 +268,9 @@ class Pairing:
         if seen is None:
             seen = view_of_images(depth.depth_m, lens, None)
         if self._is_first(topic):
-            doubt = doubtful_rays(seen.depth_m, seen.intrinsics)
+            doubt = doubtful_distortion(depth.depth_m, seen.depth_m)
+            doubt = doubt or doubtful_inverse(depth.depth_m)
+            doubt = doubt or doubtful_rays(seen.depth_m, seen.intrinsics)
             if doubt:
                 self._warn_once(topic, doubt, "rays")
         stamp_s = depth.of.stamp_s or depth.of.recorded_s

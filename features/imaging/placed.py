@@ -104,6 +104,11 @@ def _of_drawing(cloud: Cloud) -> tuple[Cloud, str]:
     So RealSense's viewer and most programs that draw export what a camera sees.
     """
     doubt = doubtful_frame(cloud.positions, cloud.frame_id)
+    if not doubt and len(cloud.positions):
+        # Nothing lies behind it: a camera's, then, and one does not see so near.
+        doubt = implausible_middle(float(np.median(cloud.positions[:, 2])))
+        if doubt:
+            return cloud, doubt
     if not doubt and not cloud.is_organised and _runs_mirrored(cloud.positions):
         return cloud, (
             "its points come row by row as of a mirror image: does one of its axes, or the order "

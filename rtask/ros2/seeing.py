@@ -199,7 +199,7 @@ class SeeAction:
                 handle.abort()
                 return None
             if isinstance(item, Look):
-                result.status, result.scene_notes = item.status, run.notes
+                result.status, result.scene_notes = item.status, [*item.doubts, *run.notes]
                 return item
             result.header = item.object.header
             result.objects.append(item.object)

@@ -294,7 +294,13 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
 
     from features.codec.image_header import bits_of, is_cut_off
     from features.depth import depth_of_steps
-    from features.imaging.doubts import doubtful_rays, doubtful_steps, implausible_depth
+    from features.imaging.doubts import (
+        doubtful_distortion,
+        doubtful_inverse,
+        doubtful_rays,
+        doubtful_steps,
+        implausible_depth,
+    )
     from features.imaging.photo import read_photo
 
     if is_cut_off(data):
@@ -317,7 +323,9 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
     doubt = doubtful_steps(depth) if is_usual else ""
     _say_doubt(file, implausible_depth(depth_m) or (doubt and f"{doubt} --depth-unit says it"))
     seen = _with_colour(depth_m, view, read_cameras(depth.shape, view), limits)
-    _say_doubt(file, doubtful_rays(seen.depth_m, seen.intrinsics))
+    doubt = doubtful_distortion(depth_m, seen.depth_m) or doubtful_inverse(depth_m)
+    doubt = doubt or doubtful_rays(seen.depth_m, seen.intrinsics)
+    _say_doubt(file, doubt)
     return seen
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import logging
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -16,7 +17,15 @@ from features.codec.limits import Limits
 from features.codec.ros import image_bytes, pcd_from_point_cloud
 from features.geometry import Frame
 from features.imaging.camera import frame_of_grid, lens_from_message
-from features.imaging.doubts import doubtful_bytes, doubtful_camera
+from features.imaging.doubts import (
+    doubtful_bytes,
+    doubtful_camera,
+    doubtful_distortion,
+    doubtful_inverse,
+    doubtful_steps,
+    implausible_depth,
+    upright_frame,
+)
 from features.imaging.photo import read_photo
 from features.imaging.pictures import depth_of_message, view_of_images
 from rtask.errors import DataError, UsageError
@@ -25,6 +34,7 @@ from rtask.interop.ros.convert import bytes_like, make_message, raw_mapping
 __all__ = [
     "cloud_message",
     "cloud_rows",
+    "doubts_of_cloud",
     "frame_of",
     "frame_of_images",
     "packed_cloud",
@@ -51,6 +61,10 @@ def frame_of(cloud: Any) -> Frame:
         frame = seen if isinstance(seen, Frame) else frame_of_grid(seen)
     except ValueError as error:
         raise DataError(f"the cloud in {cloud.header.frame_id}: {error}") from error
+    if frame is not None:
+        frame = replace(frame, doubts=doubts_of_cloud(frame, cloud.header.frame_id))
+        for doubt in frame.doubts:
+            _warn_once(str(cloud.header.frame_id), doubt)
     if frame is None or frame.rgb is None:
         raise DataError(
             f"the cloud in {cloud.header.frame_id} ({cloud.height} x {cloud.width}) is not "
@@ -60,13 +74,22 @@ def frame_of(cloud: Any) -> Frame:
     return frame
 
 
+def doubts_of_cloud(frame: Frame, frame_id: str = "") -> tuple[str, ...]:
+    """Return what is doubtful of a view that came as a cloud.
+
+    The axes of a frame are not looked at here: its points were laid on the pixels of a camera.
+    """
+    found = (implausible_depth(frame.depth_m), upright_frame(frame_id))
+    return tuple(doubt for doubt in found if doubt)
+
+
 def frame_of_images(
     depth: Mapping[str, Any],
     colour: Mapping[str, Any],
     info: Mapping[str, Any],
     is_rectified: bool = False,
 ) -> Frame:
-    """Return the view that a depth image and a colour image show.
+    """Return the view that a depth image and a colour image show, with what of it is doubtful.
 
     Parameters
     ----------
@@ -85,7 +108,8 @@ def frame_of_images(
     header = depth.get("header")
     where = header.get("frame_id", "") if isinstance(header, Mapping) else ""
     try:
-        pixels = depth_of_message(depth, is_depth_topic=True)
+        noted: list[str] = []
+        pixels = depth_of_message(depth, is_depth_topic=True, say=noted.append)
         if pixels is None:
             kind = depth.get("encoding", depth.get("format", ""))
             raise DataError(
@@ -93,15 +117,28 @@ def frame_of_images(
                 "32FC1 (m)"
             )
         lens = lens_from_message(info, is_rectified)
-        doubts = (
-            doubtful_bytes(depth), doubtful_camera(lens.intrinsics), _of_another_camera(depth, info)
-        )  # fmt: skip
+        noted += [
+            doubtful_bytes(depth) or implausible_depth(pixels) or _doubtful_numbers(depth, pixels),
+            doubtful_camera(lens.intrinsics),
+            _of_another_camera(depth, info),
+            doubtful_inverse(pixels),
+        ]
+        photo = read_photo(image_bytes(colour))
+        view = view_of_images(pixels, lens, photo.rgb)
+        noted.append(doubtful_distortion(pixels, view.depth_m))
+        doubts = tuple(doubt for doubt in noted if doubt)
         for doubt in doubts:
             _warn_once(str(where), doubt)
-        photo = read_photo(image_bytes(colour))
-        return view_of_images(pixels, lens, photo.rgb)
+        return replace(view, doubts=doubts)
     except (ValueError, KeyError) as error:
         raise DataError(f"depth and colour in {where}: {error}") from error
+
+
+def _doubtful_numbers(depth: Mapping[str, Any], depth_m: NDArray[np.float32]) -> str:
+    """Return why whole numbers may be no millimetres; floats are metres."""
+    if str(depth.get("encoding", depth.get("format", ""))).startswith(("32", "64")):
+        return ""
+    return doubtful_steps(np.rint(depth_m * 1000).astype(np.int64))
 
 
 def _of_another_camera(depth: Mapping[str, Any], info: Mapping[str, Any]) -> str:

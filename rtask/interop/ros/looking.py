@@ -108,6 +108,8 @@ class Look:
         ``ok``, or why there are no objects: ``empty``, ``no_table``, ``table_only``.
     table_height
         m; NaN without a table.
+    doubts
+        Sentences about what of the view is doubtful, such as the unit of its depth.
     """
 
     stamp: Any
@@ -116,6 +118,7 @@ class Look:
     table_height: float
     table: Board | None
     objects: tuple[ViewedObject, ...]
+    doubts: tuple[str, ...] = ()
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any], stamp: Any, sensor_pose: JsonObject) -> Look:
@@ -133,6 +136,7 @@ class Look:
                 )
                 for viewed in data["objects"]
             ),
+            tuple(str(doubt) for doubt in data.get("doubts", ())),
         )
 
 

@@ -21,7 +21,12 @@ __all__ = ["box_of", "look_of", "points_of"]
 _THICK_M = 0.02
 
 
-def look_of(perceived: Perceived, base_from_camera: NDArray[np.float64], stamp: Any) -> Look:
+def look_of(
+    perceived: Perceived,
+    base_from_camera: NDArray[np.float64],
+    stamp: Any,
+    doubts: tuple[str, ...] = (),
+) -> Look:
     """Return what was perceived as a front of ROS shows it.
 
     Parameters
@@ -30,6 +35,8 @@ def look_of(perceived: Perceived, base_from_camera: NDArray[np.float64], stamp: 
         Pose of the camera in the frame of the robot.
     stamp
         Time of the view, as ROS has it.
+    doubts
+        About the view (:attr:`features.geometry.Frame.doubts`).
     """
     objects = []
     for seen in perceived.objects:
@@ -43,6 +50,7 @@ def look_of(perceived: Perceived, base_from_camera: NDArray[np.float64], stamp: 
         perceived.table_height,
         _board(perceived.table, perceived.table_height),
         tuple(objects),
+        doubts,
     )
 
 

@@ -47,10 +47,11 @@ class View:
     stamp: Any
     base_from_camera: Any
     perceived: Perceived
+    doubts: tuple[str, ...] = ()
 
     def as_look(self) -> Look:
         """Return it as poses, boxes and crops."""
-        return look_of(self.perceived, self.base_from_camera, self.stamp)
+        return look_of(self.perceived, self.base_from_camera, self.stamp, self.doubts)
 
     def header(self, frame: str) -> Any:
         """Return the time of the view with another frame."""
@@ -129,7 +130,8 @@ class Eyes:
         solids = body_of_json(shapes)
         body = body_pixels(frame.points(), base_from_camera, solids) if solids else None
         try:
-            return View(stamp, base_from_camera, perceive(frame, base_from_camera, body=body))
+            seen = perceive(frame, base_from_camera, body=body)
+            return View(stamp, base_from_camera, seen, frame.doubts)
         except ValueError as error:
             raise DataError(f"the view in {camera}: {error}; is its depth in m?") from error
 
@@ -248,7 +250,7 @@ class SeeAction:
             if item is None or isinstance(item, RtaskError):
                 return item
             if isinstance(item, Look):
-                result.status, result.scene_notes = item.status, run.notes
+                result.status, result.scene_notes = item.status, [*item.doubts, *run.notes]
                 return item
             result.header = item.object.header
             result.objects.append(item.object)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Len
+from pydantic import Field
 
 from rtask.engine.perception.cutting import cut, cut_together, refuse_doubtful
 from rtask.errors import DataError, ServiceError, UsageError
@@ -100,6 +102,8 @@ class PerceivedView(Answer):
     table: BoxInFrame | None = None
     """a board below the visible part of the table"""
     objects: list[PerceivedObject]
+    doubts: list[str] = Field(default_factory=list)
+    """what of the view is doubtful, such as the unit of its depth; nothing was changed for it"""
 
 
 class PlacedCloud(Message):
@@ -278,7 +282,7 @@ class Segmentation(Service):
             raise ServiceError(f"cloud: {error}", field="cloud") from error
         if not seen.objects:
             refuse_doubtful(view)
-        look = look_of(seen, sensor_pose, None)
+        look = look_of(seen, sensor_pose, None, view.doubts)
         height = None if np.isnan(look.table_height) else look.table_height
         table = None if look.table is None else _box(look.table)
         rows = [cloud_rows(*points_of(segment)) if points else None for segment in seen.objects]
@@ -292,7 +296,10 @@ class Segmentation(Service):
             )
             for viewed, row in zip(look.objects, rows, strict=True)
         ]
-        return PerceivedView(status=look.status, table_height=height, table=table, objects=objects)
+        return PerceivedView(
+            status=look.status, table_height=height, table=table, objects=objects,
+            doubts=list(look.doubts),
+        )  # fmt: skip
 
 
 def _view(
@@ -312,7 +319,7 @@ def _view(
     from features.codec import decode
     from features.geometry import Frame
     from features.imaging.camera import frame_of_grid
-    from rtask.interop.ros.clouds import frame_of_images
+    from rtask.interop.ros.clouds import doubts_of_cloud, frame_of_images
 
     if cloud is None:
         if depth is None or image is None or camera_info is None:
@@ -332,7 +339,7 @@ def _view(
             "registered cloud of the camera (depth_registered/points)",
             field="cloud",
         )
-    return view
+    return replace(view, doubts=doubts_of_cloud(view))
 
 
 def _box(board: Board) -> BoxInFrame:

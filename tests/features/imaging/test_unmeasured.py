@@ -7,7 +7,13 @@ import pytest
 
 from features.depth import depth_of_metres, depth_of_steps
 from features.geometry import points_from_depth
-from features.imaging.doubts import doubtful_rays, doubtful_steps, implausible_depth
+from features.imaging.doubts import (
+    doubtful_distortion,
+    doubtful_inverse,
+    doubtful_rays,
+    doubtful_steps,
+    implausible_depth,
+)
 from features.imaging.pictures import depth_of_message
 from tests.features.imaging.table_seen import CAMERA, depth_of_table, rays
 
@@ -84,6 +90,52 @@ def test_steps_that_are_all_multiples_of_one_number_are_doubted(by: int) -> None
     steps = np.rint(depth_of_table() * 1000).astype(np.uint16) * np.uint16(by)
     assert f", {0.001 / by:.4g} m?" in doubtful_steps(steps)
     assert not doubtful_steps(steps // by)
+
+
+@pytest.mark.parametrize("bits", [2, 3, 4])
+def test_an_index_in_the_lowest_bits_is_told_from_noise(bits: int) -> None:
+    steps = np.rint(depth_of_table() * 1000).astype(np.uint16)
+    shifted = steps << np.uint16(bits)
+    shifted[:, 40:80] |= np.uint16(2)  # a person is there
+    shifted[60:, 80:] |= np.uint16(1)
+    assert f"{0.001 / 2**bits:.4g} m" in doubtful_steps(np.where(steps > 0, shifted, 0))
+    assert not doubtful_steps(steps)
+
+
+def test_one_number_in_two_of_a_hundred_pixels_of_a_small_image_is_doubted() -> None:
+    depth = depth_of_table()[20:68, 40:104]
+    depth[np.random.default_rng(1).random(depth.shape) < 0.02] = 1.5
+    assert "2% of the depth is exactly 1.5 m" in implausible_depth(depth.astype(np.float32))
+
+
+@pytest.mark.parametrize("scale", [10.5, 1.0], ids=["disparity", "inverse depth"])
+def test_numbers_that_are_linear_over_a_plane_are_told_from_depth(scale: float) -> None:
+    depth = depth_of_table().astype(np.float32)
+    assert not doubtful_inverse(depth)
+    numbers = np.where(depth > 0, scale / np.maximum(depth, 0.1), 0)
+    assert "disparity" in doubtful_inverse(numbers.astype(np.float32))
+    assert not doubtful_inverse(np.zeros_like(depth))
+    assert not doubtful_inverse(np.full_like(depth, 0.7))
+
+
+def test_numbers_below_zero_are_not_left_out_without_a_word() -> None:
+    said: list[str] = []
+    assert not depth_of_metres(-depth_of_table(), said.append).any()
+    assert not depth_of_steps(
+        np.rint(-1000 * depth_of_table()).astype(np.int16), say=said.append
+    ).any()
+    assert ["is z backward?" in one for one in said] == [True, True]
+    # One number is a code, as some cameras write it.
+    said.clear()
+    depth_of_metres(np.where(np.arange(100).reshape(10, 10) < 70, -1.0, 0.7), said.append)
+    assert not said
+
+
+def test_a_distortion_that_loses_most_of_the_view_is_doubted() -> None:
+    depth = depth_of_table().astype(np.float32)
+    assert not doubtful_distortion(depth, depth)
+    assert not doubtful_distortion(np.zeros_like(depth), depth)
+    assert "are D and K its own?" in doubtful_distortion(depth, np.where(depth > 0.9, depth, 0))
 
 
 def test_distance_along_the_rays_is_told_from_depth_by_the_table_that_it_bends() -> None:

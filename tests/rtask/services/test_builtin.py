@@ -15,6 +15,7 @@ from features.perception import perceive
 from grasp.messages import pose_message
 from rtask.engine import Engine
 from rtask.errors import ServiceError
+from rtask.interop.ros.looking import Look
 from rtask.services import ServiceHost
 from rtask.services.offered import open_host
 from tests.features.segmentation.test_segmentation import CAMERA, THREE, _scene
@@ -104,6 +105,30 @@ def test_a_cloud_message_and_depth_with_colour_are_perceived_alike(host):
         assert min(answer["table"]["size"][:2]) > 0.3
     assert by_cloud["objects"][0]["points"] is None
     assert len(base64.b64decode(by_depth["objects"][0]["points"])) > 16 * 500
+
+
+def test_what_is_doubtful_of_a_live_view_comes_with_the_answer(host):
+    frame = scene_view()
+    camera, pose = frame.intrinsics, pose_message(BASE_FROM_CAMERA)
+    info = {"width": camera.width, "height": camera.height, "d": [],
+            "k": [camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1],
+            "header": {"frame_id": "other_optical_frame"}}  # fmt: skip
+    size = {"width": camera.width, "height": camera.height, "is_bigendian": 0, "step": 0,
+            "header": {"frame_id": "optical_frame"}}  # fmt: skip
+
+    def packed(pixels):
+        return base64.b64encode(np.ascontiguousarray(pixels).tobytes()).decode()
+
+    image = {**size, "encoding": "rgb8", "data": packed(frame.rgb)}
+    depth = {**size, "encoding": "32FC1", "data": packed(frame.depth_m)}
+    given = {"image": image, "depth": depth, "camera_info": info, "sensor_pose": pose}
+    answer = host.call("rtask/Segmentation", "perceive", given).as_json()
+    assert answer["status"] == "ok"
+    assert ["other_optical_frame" in doubt for doubt in answer["doubts"]] == [True]
+    look = Look.from_json(answer, None, pose)
+    assert look.doubts == tuple(answer["doubts"])
+    own = {**given, "camera_info": {**info, "header": {"frame_id": "optical_frame"}}}
+    assert host.call("rtask/Segmentation", "perceive", own).as_json()["doubts"] == []
 
 
 def test_perceiving_without_a_view_says_what_is_missing(host):
