@@ -155,9 +155,19 @@ def print_score(
     They are at most even where too little of the print agrees, or what agrees has another colour.
     """
     params = params or PrintParams()
+    if not is_mask_guessed:
+        e = _in_frame(e)
     offset, *slopes = params.weights[e.support]
     odds = float(offset + np.dot(slopes, print_terms(e)))
     return within_requirements(odds, e, params, is_mask_guessed)
+
+
+def _in_frame(e: PrintEvidence) -> PrintEvidence:
+    """Return the evidence with its extent on the only stored view, if the query shows all of it.
+
+    Of an object with several views the others say what the surroundings are.
+    """
+    return replace(e, extent=max(e.extent, e.framed_extent)) if e.support == 0 else e
 
 
 def within_requirements(
@@ -210,7 +220,7 @@ def has_same_colours(e: PrintEvidence, params: PrintParams | None = None) -> boo
     >>> has_same_colours(seen), has_same_colours(replace(seen, rendered_contradiction=0.01))
     (False, True)
     """
-    params = params or PrintParams()
+    params, e = params or PrintParams(), _in_frame(e)
     is_alike = min(e.colour_contradiction, e.rendered_contradiction) <= params.max_rendered_alone
     return is_alike and _agrees_widely(e, params)
 

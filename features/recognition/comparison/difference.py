@@ -54,6 +54,9 @@ class ComparisonParams:
         Cells within so many times the extent of the matches belong to the comparison.
     min_cover
         Share of a window that both pictures must show.
+    min_framed, min_spanned
+        Shares of the second object that the first picture must show, and the matches span, for
+        what surrounds them there to be taken for the surroundings of the object.
     """
 
     cell_px: int = 8
@@ -68,6 +71,8 @@ class ComparisonParams:
     max_shift: float = 6.0
     reach: float = 3.0
     min_cover: float = 0.6
+    min_framed: float = 0.95
+    min_spanned: float = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +97,9 @@ class Comparison:
         where it does not show it.
     extent
         Square root of the area between the matches, of the longer side of the first object.
+    framed_extent
+        The same of the second object, where the first picture shows all of it and the matches
+        span most of it; 0 elsewhere.
     """
 
     correlation: NDArray[np.float32]
@@ -102,6 +110,7 @@ class Comparison:
     near: Mask
     view_cell: NDArray[np.intp]
     extent: float
+    framed_extent: float = 0.0
 
     @property
     def agrees(self) -> Mask:
@@ -159,6 +168,7 @@ def compare_pictures(
         near=near,
         view_cell=_view_cells(view, matrix, at, near, params),
         extent=_extent(hull, query),
+        framed_extent=_framed_extent(hull, view, matrix, (width, height), params),
     )
 
 
@@ -294,6 +304,35 @@ def _inside(hull: NDArray[np.float32], times: float, shape: tuple[int, int]) -> 
 def _extent(hull: NDArray[np.float32], query: ViewPicture) -> float:
     longer = max(query.mask.shape)
     return float(np.sqrt(max(cv2.contourArea(hull), 0.0)) / longer)
+
+
+def _framed_extent(
+    hull: NDArray[np.float32],
+    view: ViewPicture,
+    matrix: NDArray[np.float64],
+    size: tuple[int, int],
+    params: ComparisonParams,
+) -> float:
+    """Return the extent of the matches on the second object, if the first picture frames it.
+
+    A picture of a cover with the desk around it shows a small print in its middle. What is missing
+    around the matches is desk there, and no part of a sibling: the stored view ends before.
+    """
+    contours, _ = cv2.findContours(
+        view.mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
+    back = np.asarray(np.linalg.inv(matrix), np.float64)
+    if not contours or not _before_horizon(back, size).all():
+        return 0.0
+    outline = np.concatenate(contours).astype(np.float64)
+    shown = cv2.perspectiveTransform(outline, matrix)[:, 0]
+    inside = ((shown >= 0) & (shown <= np.subtract(size, 1))).all(axis=1)
+    spanned = cv2.contourArea(
+        cv2.perspectiveTransform(hull[:, None].astype(np.float64), back).astype(np.float32)
+    )
+    if inside.mean() < params.min_framed or spanned < params.min_spanned * view.mask.sum():
+        return 0.0
+    return float(np.sqrt(spanned) / max(view.mask.shape))
 
 
 def _view_cells(

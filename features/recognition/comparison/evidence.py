@@ -127,6 +127,8 @@ class PrintEvidence:
         object's, -0.2 to 0.2.
     rendered_contradiction
         Share of cells of another colour after a camera's rendering of colours was taken out.
+    framed_extent
+        The extent on the stored view, where the query shows all of that and more; else 0.
     difference
         Where it differs most.
     """
@@ -152,6 +154,7 @@ class PrintEvidence:
     unlike: int = 0
     look_lead: float = 0.0
     rendered_contradiction: float = 1.0
+    framed_extent: float = 0.0
     difference: Difference | None = field(default=None, compare=False)
 
     @property
@@ -244,6 +247,7 @@ def print_evidence(
         verified=facts.verified,
         unlike=facts.unlike,
         rendered_contradiction=_contradiction(comparison.rendered_gap[comparison.between]),
+        framed_extent=min(comparison.framed_extent, 0.6),
         difference=_largest_difference(comparison, here > 0),
         **_supported(comparison, weight, here),
     )
