@@ -22,6 +22,7 @@ from features.pose.hypotheses import Hypothesis
 from features.pose.model import PoseModel
 from features.pose.result import PoseAlternative, PoseEstimate, PoseParams
 from features.pose.rotations import angle_between
+from features.pose.surface import SAME_SURFACE_M, surface_distance
 from features.pose.task import MIN_POINTS, PoseTask, ScoredPose
 
 __all__ = ["PoseAlternative", "PoseEstimate", "PoseParams", "estimate_pose"]
@@ -136,7 +137,7 @@ def _answer(
         _by_colour(task, candidates) if matched is None else _nearest(task, candidates, matched)
     )
     rivals = choice.rivals
-    winner = [best, *alike][choice.candidate]
+    winner = candidates[choice.candidate]
     others = [scored for scored in (best, *others) if scored is not winner]
     best = winner
     if choice.candidate or choice.variant:
@@ -149,9 +150,15 @@ def _answer(
     away = task.distances(task.judged.places, best.rotation, best.translation)
     explained = float((away < _EXPLAINED_M + task.model.cell_m / 2).mean())
     constants = task.params.confidence
+    pose = task.pose_of(best)
+    is_same = [
+        surface_distance(task.model, pose, task.pose_of(o)) < SAME_SURFACE_M
+        for o in (candidates if rivals else ())
+        if o is not winner
+    ]
     sure = constants.of(best.fit, best.violation, explained, rivals)
     return PoseEstimate(
-        camera_from_object=task.pose_of(best),
+        camera_from_object=pose,
         confidence=sure,
         accepted=sure >= constants.threshold,
         fit=best.fit,
@@ -160,6 +167,7 @@ def _answer(
         explained=explained,
         alternatives=tuple(PoseAlternative(task.pose_of(o), o.score) for o in others),
         ambiguous=rivals > 0,
+        is_turn_free=rivals > 0 and all(is_same),
         symmetric_axes=task.model.symmetric_axes,
         segments_used=best.labels,
         is_complete=complete,

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from features.pose.model import PoseModel
 from features.pose.rotations import angle_between
+from features.pose.surface import surface_distance
 
 __all__ = ["PoseError", "pose_error"]
 
@@ -27,6 +28,9 @@ class PoseError:
         Angle modulo symmetry, and plain.
     add_m, add_s_m
         Mean distance of corresponding samples, and of each true one to the nearest estimated.
+    surface_m
+        Distance beyond which a hundredth of one surface lies from the other; small for any turn
+        of an orange, and large for a mug with its handle elsewhere.
     """
 
     translation_m: float
@@ -34,6 +38,7 @@ class PoseError:
     raw_rotation_rad: float
     add_m: float
     add_s_m: float
+    surface_m: float
 
     def is_within(self, metres: float = 0.005, degrees: float = 5.0) -> bool:
         """Tell whether both errors, modulo symmetry, are below a bound."""
@@ -71,4 +76,5 @@ def pose_error(
         raw,
         float(np.linalg.norm(here - there, axis=1).mean()),
         float(cKDTree(here).query(there)[0].mean()),
+        surface_distance(model, estimated, true),
     )

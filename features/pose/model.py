@@ -64,6 +64,11 @@ class PoseModel:
     colours: NDArray[np.uint8] | None = None
 
     @cached_property
+    def tree(self) -> cKDTree:
+        """Search tree of the places of the samples."""
+        return cKDTree(self.samples[:, :3])
+
+    @cached_property
     def spacing_m(self) -> float:
         """Typical distance of neighbouring samples."""
         places = self.samples[:, :3]

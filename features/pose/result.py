@@ -110,6 +110,10 @@ class PoseEstimate:
         False when the time limit cut the search short.
     decided_by_colour
         Colours told this pose from those that a symmetry of the shape allows.
+    is_turn_free
+        The answer is ambiguous, but all poses as good put the surface where this one does, within
+        some millimetres, as of an orange: how it is turned is not known, and another look tells no
+        more. The confidence is that of any ambiguous answer.
     """
 
     camera_from_object: NDArray[np.float64]
@@ -125,3 +129,4 @@ class PoseEstimate:
     segments_used: tuple[int, ...]
     is_complete: bool = True
     decided_by_colour: bool = False
+    is_turn_free: bool = False

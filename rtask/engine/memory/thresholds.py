@@ -245,6 +245,8 @@ def _turn(case: Assessment) -> str:
     if case.pose is None:
         return "store more views of it (insert_object): its model then tells the pose"
     pose = case.pose
+    if pose.is_turn_free:
+        return "it is so round that it fits at any turn: no other look tells more of how it lies"
     if pose.ambiguous:
         return "it fits in several poses: look from a side that tells them apart"
     return f"{100 * pose.coverage:.0f} % of what was seen fits: look from where it was seen before"

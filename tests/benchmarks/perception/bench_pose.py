@@ -66,6 +66,7 @@ class Trial:
     estimate: PoseEstimate | None
     is_right: bool
     add_s_ok: bool
+    surface_m: float
     errors: tuple[float, float]
     seconds: float
     bop: BopErrors | None = None
@@ -188,7 +189,7 @@ def _trial(
     thing: Thing, model: PoseModel, overlap: float, estimate: PoseEstimate | None, seconds: float
 ) -> Trial:
     if estimate is None:
-        return Trial(thing.source, overlap, None, False, False, (np.inf, np.inf), seconds)
+        return Trial(thing.source, overlap, None, False, False, np.inf, (np.inf, np.inf), seconds)
     error = pose_error(model, estimate.camera_from_object, thing.camera_from_mesh)
     return Trial(
         thing.source,
@@ -196,6 +197,7 @@ def _trial(
         estimate,
         error.is_within(),
         error.add_s_m < 0.005,
+        error.surface_m,
         (error.translation_m, float(np.rad2deg(error.rotation_rad))),
         seconds,
     )
@@ -232,6 +234,12 @@ def report(title: str, trials: list[Trial], threshold: float) -> None:
         f"{wilson(int(right[accepted].sum()), int(accepted.sum()))}, "
         f"CPU ms median {np.median(took):.0f} p95 {np.percentile(took, 95):.0f}",
         flush=True,
+    )
+    fits = right | np.array([t.surface_m < 0.005 for t in trials])
+    print(
+        f"{'':32s} wrong by 5 mm and 5 degrees, and more than 5 mm of surface "
+        f"{wilson(int((~fits).sum()), len(fits))}, of the accepted fit "
+        f"{wilson(int(fits[accepted].sum()), int(accepted.sum()))}"
     )
     judged = np.array([t.axis is not None for t in trials])
     refused = np.array([t.axis is not None and not t.axis.passes for t in trials])
@@ -331,7 +339,8 @@ def main() -> None:
                         f"   {t.source[-20:]:20s} IoU {t.overlap:.2f} error {t.errors[0]:.4f} "
                         f"{t.errors[1]:.0f} conf {e.confidence if e else 0:.2f} "
                         f"fit {e.fit if e else 0:.2f} vio {e.violation if e else 0:.2f} "
-                        f"amb {e.ambiguous if e else 0}"
+                        f"amb {e.ambiguous if e else 0} free {e.is_turn_free if e else 0} "
+                        f"surface {1e3 * t.surface_m:.1f} mm"
                     )
     if grown is not None:
         known = {count: float(np.mean(shares)) for count, shares in grown.known.items()}
