@@ -7,9 +7,9 @@
 Covers are stored by one scan each and asked by photographs of 40 phones, half of them under the
 cover's mask, half with the desk around it. Boxes are stored and asked in poses that show their
 front; of ``siblings`` two carry one brand. Photographs are asked as in ``fit_print.py``, from draws
-by the seed. Each query is decided twice on the same evidence: as before, where other colours than
-the stored ones and a part of the print never decided, and as shipped. Intervals of 90 %, by
-resampling things.
+by the seed. Each query is decided three times on the same evidence: as before, where other colours
+than the stored ones and a part of the print never decided; without the extent of a print on its own
+view; and as shipped. Intervals of 90 %, by resampling things.
 """
 
 from __future__ import annotations
@@ -24,7 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.recognition import describe_view
-from features.recognition.comparison.confidence import PrintParams, print_score
+from features.recognition.comparison.confidence import (
+    PrintParams,
+    has_same_colours,
+    print_score,
+)
 from features.recognition.confidence import ConfidenceParams, confidences, decide
 from features.recognition.metrics import (
     calibration_error_by_chance,
@@ -115,10 +119,12 @@ def _phone(seed: int, rng: np.random.Generator) -> Phone:
     return Phone.of(PHONES * seed + int(rng.integers(PHONES)))
 
 
-def decided(query: Query, params: PrintParams | None, is_before: bool = False) -> Decided:
+def decided(
+    query: Query, params: PrintParams | None, is_before: bool = False, is_framed: bool = True
+) -> Decided:
     """Return the confidence of the first answer, whether it is right, and whether accepted.
 
-    Without constants print is not compared.
+    Without constants print is not compared; unframed, its extent is that in the query alone.
     """
     constants, evidence = ConfidenceParams(), []
     for _, one, printed in query.candidates:
@@ -126,6 +132,9 @@ def decided(query: Query, params: PrintParams | None, is_before: bool = False) -
             one = replace(one, has_print=False, is_plain=False, print_odds=None)
         elif printed is not None:
             has_colours = one.has_print_colours and not is_before
+            if not is_framed:
+                printed = replace(printed, framed_extent=0.0)
+                has_colours = has_colours and has_same_colours(printed, params)
             odds = print_score(printed, params)
             one = replace(one, print_odds=odds, has_print_colours=has_colours)
         evidence.append(one)
@@ -200,7 +209,8 @@ def main() -> None:
     if args.photos is not None:
         parts["photographs"] = lambda: photographs(args.photos, seed, shots)
     ways: dict[str, Callable[[Query], Decided]] = {
-        "before": lambda query: decided(query, BEFORE, True),
+        "before": lambda query: decided(query, BEFORE, True, is_framed=False),
+        "unframed": lambda query: decided(query, PrintParams(), is_framed=False),
         "now": lambda query: decided(query, PrintParams()),
     }
     for part, gather in parts.items():
