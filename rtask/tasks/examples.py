@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from rtask.errors import RtaskError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.tasks.actions import Select
-from rtask.tasks.sentences import aims_in_words
+from rtask.tasks.language.reader import read_goal
 
 __all__ = ["example_goals"]
 
@@ -54,6 +54,6 @@ def _sentences(located: list[tuple[str, str]]) -> Iterator[str]:
 
 def _is_readable(select: Select, goal: str, base: str) -> bool:
     try:
-        return bool(aims_in_words(select, goal, base))
+        return bool(read_goal(select, goal, base).aims)
     except RtaskError:
         return False
