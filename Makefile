@@ -4,6 +4,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+# The robots alone need neither the tools of tests and checks nor what only some extras use.
+DEMO_READY := $(VENV)/.demo-ready
 # Open3D and the off-screen renderer link against these; nothing else is needed from the system.
 SYSTEM_PACKAGES := python3-venv libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6
 
@@ -39,16 +41,18 @@ system:
 	  echo "system packages are missing; install them with:  sudo apt-get install$$missing"; exit 1; \
 	fi
 
-$(READY): pyproject.toml
+$(READY): EXTRAS := dev,browser
+$(DEMO_READY): EXTRAS := simulate
+$(READY) $(DEMO_READY): pyproject.toml
 	@$(MAKE) --no-print-directory system
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "RTASK needs Python 3.11 or newer: make PYTHON=python3.11 setup")'
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing Python packages (a few minutes the first time)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,browser]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$(EXTRAS)]'
 	@echo "compiling numeric kernels (about a minute, once; some go on in the background)"
 	@$(MAKE) --no-print-directory pages & \
 	$(BIN)/rtask doctor --warm-up --background --quiet; status=$$?; wait; exit $$status
-	@touch $(READY)
+	@touch $@
 	@echo "ready: source $(BIN)/activate puts the command rtask into the PATH"
 
 # The query editor and the 3D view of clouds. Without npm the pages do without both.
@@ -61,7 +65,7 @@ pages:  ## bundle the libraries of two pages, if npm is installed
 	  echo "npm is not installed: pages use a plain text area and flat views"; \
 	fi
 
-demo: $(READY)  ## robots learn to grasp and share it; ARGS="--seed 3" passes options
+demo: $(if $(wildcard $(READY)),$(READY),$(DEMO_READY))  ## robots learn to grasp and share it; ARGS="--seed 3" passes options
 	@$(BIN)/rtask demo $(ARGS)
 
 test: $(READY)  ## run the tests but for the deep ones; ARGS="-k name" passes options

@@ -87,6 +87,8 @@ class Context:
     decisions
         Recent decisions by task, so that an outcome can be stored with its reasons. In the folder
         of the knowledge base they outlast the process, but for the recognition they rest on.
+    headings
+        Direction of the x axis of recent objects, rad, by the robot that saw them.
     pass_on
         Takes what is recorded on the way, with its author, where the graph is the copy of another
         server's; None = it is stored here.
@@ -119,6 +121,7 @@ class Context:
         self.world = world_of(kb)
         self.observations: Recent[Observation] = Recent(_OBSERVATIONS)
         self.decisions = DecisionLog(_file_of_decisions(kb), _DECISIONS)
+        self.headings: Recent[float] = Recent(_DECISIONS)
         self.pass_on: Callable[[dict[str, Any], Access], None] | None = None
         self.refusals: Recent[tuple[NamedNode, dt.datetime]] = Recent(_DECISIONS)
         embeddings = None if embedder is None else Embeddings(kb, embedder, self.writing)

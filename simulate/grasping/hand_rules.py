@@ -56,6 +56,10 @@ class DiagonalMouth:
     """Height over the table, as a share of the width, up to which what a finger pushes slides."""
     TIPPING = 20.0
     """Cost of each m above it: the thumb may push alone, where the fingers meet nothing."""
+    DEPTH = 0.008
+    """Depth of the tool point below the top of the object, m, from which on nothing is gained."""
+    SHALLOW = 40.0
+    """Cost of each m less: a thing held by its rim, far from its mass, turns out of the hand."""
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
@@ -81,12 +85,20 @@ class DiagonalMouth:
         return request.largest_tilt
 
     def cost(self, request: GraspRequest, tilt: float, height: float, direction: int) -> float:
-        """Return the distance from the preferred tilt and the requested closing direction."""
+        """Return the distance from the preferred tilt and the requested closing direction.
+
+        Hands that close high over the table, or near the top of an object, cost more.
+        """
         off = abs(tilt - request.preferred_tilt(height))
+        high = max(min(height, request.height) - self.STANDS * request.width, 0.0)
+        depth = request.height - height
+        # Of what lies thin the fingertips hold all, and the table decides.
+        shallow = 0.0 if request.lies_thin else max(self.DEPTH - depth, 0.0)
         return (
             request.tilt_weight * off
             + request.yaw_weight * direction
-            + self.TIPPING * max(min(height, request.height) - self.STANDS * request.width, 0.0)
+            + self.TIPPING * high
+            + self.SHALLOW * shallow
         )
 
 

@@ -26,6 +26,7 @@ from rtask.engine.names import slug, tail
 from rtask.engine.observation import Observation
 from rtask.engine.operations.operation import operation
 from rtask.engine.perception.growth import grow, old_models, state_model
+from rtask.engine.perception.poses import note_heading
 from rtask.engine.records.clock import clocked
 from rtask.engine.records.exemplars import see_exemplar
 from rtask.engine.records.objects import (
@@ -235,6 +236,8 @@ class _Writer:
         else:
             object_iri, class_iri = iri(prepared.existing.iri), prepared.existing.class_iri
             short_id, label = prepared.existing.short_id, prepared.existing.label
+        robot = prepared.gripper.robot if prepared.gripper else None
+        note_heading(context, robot, object_iri.value, prepared.seen, prepared.placement)
         event, view = context.names.unique("observation"), prepared.view
         now = dt.datetime.now(dt.UTC)
         time, wrong = clocked(prepared.seen.stamp_s, context.policy.clock_ahead_s, now)

@@ -42,7 +42,7 @@ from rtask.engine.operations.recognition_answer import (
 from rtask.engine.perception.identity import recognise, settle
 from rtask.engine.perception.observation import Looks, observe_all
 from rtask.engine.perception.placement import MAX_TILT, Placement, footprint_of
-from rtask.engine.perception.poses import ObjectPose, locate
+from rtask.engine.perception.poses import ObjectPose, last_heading, locate, note_heading
 from rtask.engine.records.asked import DecisionRecord, PlaceRecord, RefusalRecord, keep
 from rtask.engine.records.clock import clocked
 from rtask.engine.records.objects import no_object, stored_mass
@@ -165,7 +165,10 @@ def recognise_for_grasp(
     recognition = settle(recognition, memory, seen, context.policy)
     clock.lap("query_s")
     recognised = _recognised_object(context, request.object, recognition, memory)
-    placement, pose = locate(context.models, seen, recognition, recognised, memory)
+    heading = last_heading(context, gripper.robot, request.object, seen)
+    placement, pose = locate(context.models, seen, recognition, recognised, memory, heading)
+    if recognised is not None:
+        note_heading(context, gripper.robot, recognised.iri, seen, placement)
     clock.lap("pose_s")
     situation = Situation(seen, recognition, memory, recognised, placement, gripper, pose)
     chosen, alone = _choose(context, situation, request, clock)

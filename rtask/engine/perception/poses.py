@@ -16,16 +16,19 @@ from rtask.engine.observation import Observation
 from rtask.engine.perception.observation import stored_frame
 from rtask.engine.perception.placement import Placement, oriented, place
 from rtask.engine.perception.surroundings import surrounded
-from rtask.rdf.terms import iri
+from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:
     from features.pose import PoseEstimate, PoseModel
     from features.recognition.recogniser import Match, Recognition
+    from rtask.engine.context import Context
     from rtask.engine.remembered import Memory, RememberedObject
     from rtask.engine.stored import Models
     from rtask.kb.core import GraphCore
 
-__all__ = ["ObjectPose", "find_pose", "locate", "pose_fields"]
+__all__ = [
+    "ObjectPose", "find_pose", "last_heading", "locate", "note_heading", "pose_fields",
+]  # fmt: skip
 
 # Bounded by work and not by time, so that the result does not depend on the machine's load.
 _STARTS, _MAX_REFINED, _POINTS = 160, 12, 800
@@ -74,11 +77,17 @@ def locate(
     recognition: Recognition,
     recognised: RememberedObject | None,
     memory: Memory,
+    heading: float | None = None,
 ) -> tuple[Placement | None, ObjectPose | None]:
     """Return the placement of an object, and its pose if stored data determine it.
 
     The frame comes from an accepted pose, otherwise from a matching view, otherwise from the
     measured sides.
+
+    Parameters
+    ----------
+    heading
+        See :func:`rtask.engine.perception.placement.place`.
     """
     if recognised is None:
         return place(seen), None
@@ -92,11 +101,31 @@ def locate(
     if match is not None and match.query_from_view is not None:
         query_from_view = np.asarray(match.query_from_view, dtype=np.float64)
         viewpoint = memory.viewpoints.get(match.view_iri)
-    placement = place(seen, recognised.is_round, query_from_view, viewpoint)
+    placement = place(seen, recognised.is_round, query_from_view, viewpoint, heading)
     pose = find_pose(models, seen, recognised, match, memory, placement)
     if placement is not None and pose is not None and pose.accepted:
         placement = oriented(placement, pose.frame_from_object)
     return placement, pose
+
+
+def last_heading(
+    context: Context, robot: NamedNode | None, object_iri: str | None, seen: Observation
+) -> float | None:
+    """Return the direction of an object's x axis when a robot last saw it, rad, or None."""
+    return None if object_iri is None else context.headings.get(_of(robot, object_iri, seen))
+
+
+def note_heading(
+    context: Context, robot: NamedNode | None, object_iri: str, seen: Observation,
+    placement: Placement | None,
+) -> None:  # fmt: skip
+    """Keep in which direction a robot sees the x axis of an object."""
+    if placement is not None and not placement.is_round:
+        context.headings.put(_of(robot, object_iri, seen), placement.yaw)
+
+
+def _of(robot: NamedNode | None, object_iri: str, seen: Observation) -> str:
+    return f"{robot} {object_iri} {seen.frame_id}"
 
 
 def _given(seen: Observation, frame_from_object: NDArray[np.float64]) -> ObjectPose:

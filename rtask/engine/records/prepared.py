@@ -18,7 +18,7 @@ from rtask.engine.perception.growth import Growth, grow
 from rtask.engine.perception.identity import is_plausible, recognise, settle
 from rtask.engine.perception.observation import Look, observe_once
 from rtask.engine.perception.placement import Placement
-from rtask.engine.perception.poses import ObjectPose, locate
+from rtask.engine.perception.poses import ObjectPose, last_heading, locate
 from rtask.engine.records.identity import check_operator, check_task, confirmed
 from rtask.engine.records.objects import no_object, viewpoint_of
 from rtask.engine.records.outcomes import Outcome, OutcomeReport
@@ -170,7 +170,8 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
         same = _view_with(context, iri(existing.iri), seen.data)
         if same:
             return Repeated(item.task_id or "", Earlier(existing.iri, view=same), gripper)
-    placement, pose = locate(context.models, seen, recognition, existing, memory)
+    heading = last_heading(context, gripper.robot if gripper else None, item.object, seen)
+    placement, pose = locate(context.models, seen, recognition, existing, memory, heading)
     decision = context.decisions.get(item.task_id)
     grasp = _grasp(item, where)
     if grasp is not None:

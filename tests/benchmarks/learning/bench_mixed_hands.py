@@ -21,12 +21,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from grasp.learning.bandit import Arm
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.gripper_files import gripper_named
 from rtask.engine.memory.experience import Weights, gather, won_by
 from rtask.engine.policy import Policy
+from rtask.engine.remembered import Tally
 from simulate.fleet.replay import Luck, Player, ReportedGrasp
 from simulate.study.attempt_table import read_attempts
 from simulate.study.intervals import bootstrap
@@ -40,6 +42,7 @@ class PlayerTold(Player):
     """Plays a robot that was told by a hand which may be of another kind."""
 
     teller: ParallelGripper
+    _trusts: Sequence[float] = ()
 
     def _arms(
         self, product: Mapping[str, Any], reports: Sequence[ReportedGrasp],
@@ -47,12 +50,18 @@ class PlayerTold(Player):
     ) -> list[Arm]:  # fmt: skip
         arms = super()._arms(product, (), product, turned)
         forces = {hand.gripper_type: hand.max_force for hand in (self.hand, self.teller)}
-        size = tuple(float(side) for side in product["size"])
-        weights = Weights(self.policy, {"it": 1.0}, self.hand, size, _NOW, forces)
+        length, width, height = (float(side) for side in product["size"])
+        weights = Weights(
+            self.policy, {"it": 1.0}, self.hand, (length, width, height), _NOW, forces
+        )
         kind = self.teller.gripper_type
         memory = [
             replace(self._remembered(arm, reports, source, turned), gripper_type=kind)
             for arm in sorted({report.arm for report in reports})
+        ]
+        # Of what hides, a report says as much as of the grasp, by the hand and its outcome.
+        self._trusts = [
+            weights.trust(memory[0], Tally(report.held, 1)) for report in reports if not report.lost
         ]
         at = np.array([arm.position for arm in arms])
         thetas = np.array([arm.theta for arm in arms])
@@ -67,6 +76,13 @@ class PlayerTold(Player):
             )
             for i, arm in enumerate(arms)
         ]  # fmt: skip
+
+    def _with_causes(
+        self, arms: Sequence[Arm], seen: Sequence[tuple[float, bool, float]], length: float,
+        prior: NDArray[np.float64] | None,
+    ) -> list[Arm]:  # fmt: skip
+        told = [(x, held, trust) for (x, held, _), trust in zip(seen, self._trusts, strict=False)]
+        return super()._with_causes(arms, [*told, *seen[len(told) :]], length, prior)
 
 
 def _place(arm: Mapping[str, Any]) -> tuple[float, float]:

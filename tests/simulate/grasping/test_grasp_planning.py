@@ -149,11 +149,19 @@ def test_a_hand_closes_low_on_what_a_finger_alone_would_throw_over():
     narrow = replace(BOX, width=0.028, length=0.09, height=0.048)
     low, _, high = (rules.cost(narrow, 0.3, height, 0) for height in rules.heights(narrow))
     assert high > low + 0.1
-    wide = replace(narrow, width=0.040)
+    wide = replace(narrow, width=0.040, height=0.052)
     costs = [rules.cost(wide, 0.3, height, 0) for height in rules.heights(wide)]
     assert costs == pytest.approx([costs[0]] * 3)
     flat = replace(PEN, width=0.010, height=0.010)
     assert rules.cost(flat, 0.28, 0.0165, 0) == pytest.approx(0.0)
+
+
+def test_a_hand_closes_deep_enough_that_a_thing_held_at_one_end_does_not_turn_out_of_it():
+    rules = DiagonalMouth(describe_nao().arms["left_arm"])
+    low_box = replace(BOX, width=0.034, length=0.10, height=0.034)
+    deep, _, rim = (rules.cost(low_box, 0.3, height, 0) for height in rules.heights(low_box))
+    assert rim > deep + 0.2
+    assert rules.cost(PEN, 0.3, 0.016, 0) == rules.cost(replace(PEN, height=0.018), 0.3, 0.016, 0)
 
 
 def test_a_pen_may_be_turned_and_a_small_box_taken_on_either_side():
