@@ -14,13 +14,9 @@ from typing import Any
 
 from rtask.errors import RemoteUnavailableError, RobotError
 from rtask.interop.ros.convert import stamp_json
-from simulate.drivers.contract import (
-    JointLimits,
-    RosVersion,
-    check_ending,
-    settled_joints,
-)
+from simulate.drivers.contract import RosVersion, check_ending
 from simulate.drivers.following import FollowingArm
+from simulate.drivers.joint_states import JointLimits, settled_joints
 from simulate.drivers.rosbridge_goals import GoalEnd
 from simulate.drivers.watch import MotionWatch
 from simulate.motion.goal_course import named

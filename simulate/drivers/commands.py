@@ -18,8 +18,8 @@ from simulate import options
 from simulate.drivers.rclpy_node import ros2_node, ros_arguments
 
 if TYPE_CHECKING:
-    from simulate.drivers.contract import JointLimits
     from simulate.drivers.following import FollowingArm
+    from simulate.drivers.joint_states import JointLimits
     from simulate.drivers.naoqi import NaoqiArm
     from simulate.grasping.executor import Workcell
     from simulate.motion.collision import Obstacle, PointField
@@ -106,7 +106,7 @@ def reach(
         raise UsageError("--grasp moves the hand, which only --naoqi does")
     from simulate.act.reach import plan_reach
     from simulate.drivers import motions
-    from simulate.drivers.contract import JointLimits
+    from simulate.drivers.joint_states import JointLimits
     from simulate.drivers.rclpy_arm import RclpyArm
     from simulate.drivers.rosbridge import RosbridgeArm
     from simulate.drivers.slowed_arm import SlowedArm

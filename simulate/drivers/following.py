@@ -13,12 +13,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from simulate.drivers.contract import (
-    ARRIVED_RAD,
-    check_arrival,
-    check_at_goal,
-    check_motion_start,
-)
+from simulate.drivers.contract import ARRIVED_RAD, check_arrival, check_at_goal, check_motion_start
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 

@@ -18,13 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.drivers.contract import (
-    REST_S,
-    JointLimits,
-    check_positions,
-    check_unmoved,
-)
 from simulate.drivers.following import FollowingArm
+from simulate.drivers.joint_states import REST_S, JointLimits, check_positions, check_unmoved
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 

@@ -11,7 +11,7 @@ from rtask.errors import RemoteUnavailableError, UsageError
 from rtask.interop.ros.convert import fill, make_message
 from rtask.ros2.qos import sensor_data
 from simulate.drivers.action_arm import ActionArm
-from simulate.drivers.contract import JointLimits
+from simulate.drivers.joint_states import JointLimits
 from simulate.drivers.rosbridge_goals import GoalEnd
 from simulate.motion.joint_messages import goal_message
 from simulate.motion.trajectory import Trajectory

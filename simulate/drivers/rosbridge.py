@@ -15,14 +15,9 @@ from types import TracebackType
 from typing import Any
 
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.drivers.contract import (
-    JointLimits,
-    RosVersion,
-    check_ending,
-    goal_id,
-    settled_joints,
-)
+from simulate.drivers.contract import RosVersion, check_ending, goal_id
 from simulate.drivers.following import FollowingArm
+from simulate.drivers.joint_states import JointLimits, settled_joints
 from simulate.drivers.rosbridge_goals import GoalEnd, goals_of, is_topic
 from simulate.drivers.watch import MotionWatch
 from simulate.motion.goal_course import named

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.drivers.contract import OneSource, number_in, stamp_of
+from simulate.drivers.joint_states import OneSource, number_in, stamp_of
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 

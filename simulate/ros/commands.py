@@ -195,7 +195,7 @@ def ros_reach(
     load_messages(engine_schema(), use_ros())
     from rtask.interop.ros.node import NodeOptions, RosNode
     from simulate.act.reach import plan_reach
-    from simulate.drivers.contract import JointLimits
+    from simulate.drivers.joint_states import JointLimits
     from simulate.drivers.slowed_arm import SlowedArm
     from simulate.grasping.executor import Workcell
     from simulate.motion.motion_limits import MotionLimits, read_joint_limits

@@ -9,7 +9,7 @@ from typing import Any
 from rtask.errors import RemoteUnavailableError
 from rtask.interop.ros.convert import fill, make_message
 from simulate.drivers.action_arm import ActionArm
-from simulate.drivers.contract import JointLimits
+from simulate.drivers.joint_states import JointLimits
 from simulate.drivers.rosbridge_goals import GoalEnd
 from simulate.motion.joint_messages import goal_message
 from simulate.motion.trajectory import Trajectory

@@ -16,7 +16,7 @@ import pytest
 
 from rtask.errors import RtaskError
 from simulate.drivers import action_arm, naoqi, rosbridge, watch
-from simulate.drivers.contract import JointLimits
+from simulate.drivers.joint_states import JointLimits
 from simulate.drivers.slowed_arm import SlowedArm
 from simulate.motion.motion_limits import MotionLimits
 from simulate.motion.trajectory import time_path

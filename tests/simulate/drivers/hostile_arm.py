@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 
-from simulate.drivers.contract import JointLimits
+from simulate.drivers.joint_states import JointLimits
 
 JOINTS = ("shoulder", "elbow")
 LIMITS = JointLimits(np.array([-3.0, -3.0]), np.array([3.0, 3.0]))

@@ -9,12 +9,8 @@ import numpy as np
 import pytest
 
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.drivers.contract import (
-    JointLimits,
-    check_ending,
-    check_positions,
-    settled_joints,
-)
+from simulate.drivers.contract import check_ending
+from simulate.drivers.joint_states import JointLimits, check_positions, settled_joints
 from simulate.drivers.rosbridge import RosbridgeArm
 from simulate.motion.trajectory import join, reverse, time_path
 from tests.processes import EVER_LONGER_S, wait_until

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from rtask.errors import RemoteUnavailableError, RobotError
 from simulate.act.reach import plan_reach
 from simulate.drivers import motions
-from simulate.drivers.contract import JointLimits
+from simulate.drivers.joint_states import JointLimits
 from simulate.drivers.naoqi import NaoqiArm
 from simulate.grasping.executor import Workcell
 from simulate.motion.trajectory import time_path

@@ -14,7 +14,7 @@ import pytest
 
 from rtask.cli.ros.schema import engine_schema
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.drivers.contract import JointLimits
+from simulate.drivers.joint_states import JointLimits
 from simulate.drivers.rclpy_arm import RclpyArm
 from simulate.motion.trajectory import Trajectory, time_path
 from tests.processes import wait_until
