@@ -14,12 +14,11 @@ from typing import Any
 
 from rtask.errors import RemoteUnavailableError, RobotError
 from rtask.interop.ros.convert import stamp_json
-from simulate.drivers.contract import RosVersion, check_ending
+from simulate.drivers.contract import RosVersion
 from simulate.drivers.following import FollowingArm
 from simulate.drivers.joint_states import JointLimits, settled_joints
 from simulate.drivers.rosbridge_goals import GoalEnd
 from simulate.drivers.watch import MotionWatch
-from simulate.motion.goal_course import named
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 
@@ -105,9 +104,7 @@ class ActionArm(FollowingArm):
         """Send a goal, and wait until the driver says that it succeeded."""
         watch = MotionWatch(way, self._joints)
         end = self._carried_out(way, watch)
-        if end.code:
-            raise RobotError(f"{self._name} ended with {named(end.code)}: {end.words}")
-        check_ending(self._ros, end.status, self._name, end.words)
+        end.check(self._ros, self._name)
         return watch.check_followed
 
     def _carried_out(self, way: Trajectory, watch: MotionWatch) -> GoalEnd:

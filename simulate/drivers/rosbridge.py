@@ -15,12 +15,11 @@ from types import TracebackType
 from typing import Any
 
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.drivers.contract import RosVersion, check_ending, goal_id
+from simulate.drivers.contract import RosVersion, goal_id
 from simulate.drivers.following import FollowingArm
 from simulate.drivers.joint_states import JointLimits, settled_joints
 from simulate.drivers.rosbridge_goals import GoalEnd, goals_of, is_topic
 from simulate.drivers.watch import MotionWatch
-from simulate.motion.goal_course import named
 from simulate.motion.joint_messages import goal_message
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
@@ -169,9 +168,7 @@ class RosbridgeArm(FollowingArm):
         self._goal = goal_id()
         watch = MotionWatch(way, self._joints)
         end = self._carried_out(self._goal, way, watch)
-        if end.code:
-            raise RobotError(f"{self._action} ended with {named(end.code)}: {end.words}")
-        check_ending(self._ros, end.status, self._action, end.words)
+        end.check(self._ros, self._action)
         return watch.check_followed
 
     def _carried_out(self, goal: str, way: Trajectory, watch: MotionWatch) -> GoalEnd:

@@ -10,7 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from simulate.drivers.contract import RosVersion
+from rtask.errors import RobotError
+from simulate.drivers.contract import RosVersion, check_ending
+from simulate.motion.goal_course import named
 
 __all__ = ["GoalEnd", "Goals", "goals_of", "is_topic"]
 
@@ -32,6 +34,19 @@ class GoalEnd:
     status: object
     code: object
     words: str
+
+    def check(self, ros: RosVersion, action: str) -> None:
+        """Check that the controller says that the goal succeeded, by its code and by its status.
+
+        Raises
+        ------
+        RobotError
+            It says otherwise, or what is unknown.
+        """
+        # Code and status may disagree: whichever says failure is believed.
+        if self.code:
+            raise RobotError(f"{action} ended with {named(self.code)}: {self.words}")
+        check_ending(ros, self.status, action, self.words)
 
 
 class Goals(Protocol):
