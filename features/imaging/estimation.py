@@ -82,6 +82,10 @@ class EstimatedLens:
     poses
         Of the board in the camera, (4, 4), m, by the number of the picture; those not listed show
         no board, or one that fits no other.
+    reach
+        How far from the principal point the boards were seen, of the way to the corner of the
+        picture that is farthest from it. Beyond, the distortion is extrapolated: of rendered boards
+        with a reach of .5, rays at the corners were off by a hundred pixels, and by one within.
     """
 
     lens: Lens
@@ -89,6 +93,7 @@ class EstimatedLens:
     focal_error_px: float
     centre_error_px: float
     poses: dict[int, Float64Array]
+    reach: float
 
     @property
     def board_error_m(self) -> float:
@@ -171,7 +176,16 @@ def estimate_lens(pictures: Sequence[NDArray[np.uint8]], board: Board) -> Estima
         float(max(spread[:2])),
         float(max(spread[2:4])),
         dict(zip(corners, fitted.poses, strict=True)),
+        _reach(np.concatenate(list(corners.values())), camera),
     )
+
+
+def _reach(corners: Float64Array, camera: Intrinsics) -> float:
+    """Return how far corners of boards (n, 2) reach from the principal point, of the whole way."""
+    centre = np.array([camera.cx, camera.cy])
+    size = np.array([camera.width - 1, camera.height - 1])
+    farthest = np.linalg.norm(np.maximum(centre, size - centre))
+    return float(np.linalg.norm(corners - centre, axis=1).max() / farthest)
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 __all__ = ["estimate"]
 
 _MAX_SCALE_OFF = 0.03
+_MIN_REACH = 0.85
+"""Of the way to the corners: the sides of a picture of 4:3 are at .8 of it."""
 
 
 def estimate(
@@ -143,7 +145,7 @@ def _say(
     report: dict[str, Any] = {
         "file": str(out), "pictures": len(estimated.poses), "left_out": unused,
         "reprojection_px": estimated.reprojection_px, "focal_error_px": estimated.focal_error_px,
-        "centre_error_px": estimated.centre_error_px,
+        "centre_error_px": estimated.centre_error_px, "reach": estimated.reach,
     }  # fmt: skip
     place_error_m = 0.0
     if place is not None:
@@ -160,6 +162,11 @@ def _say(
         f"{camera.cx:.1f} {camera.cy:.1f} px (+-{estimated.centre_error_px:.1f}), corners "
         f"{estimated.reprojection_px:.2f} px off in {len(estimated.poses)} of {len(files)} pictures"
     )
+    if estimated.reach < _MIN_REACH:
+        click.echo(
+            f"the boards reach {estimated.reach:.0%} of the way to the corners of the picture: "
+            "beyond, the distortion is a guess; show the board there as well"
+        )
     if unused:
         click.echo(f"without a board that fits: {', '.join(unused)}")
     if place is not None:

@@ -95,6 +95,7 @@ def test_the_lens_is_found_within_its_own_error(shots: Shots) -> None:
     camera, truth = found.lens.intrinsics, COLOUR.intrinsics
     assert sorted(found.poses) == list(range(10))  # the last picture shows no board
     assert found.reprojection_px < 0.2
+    assert 0.4 < found.reach < 0.8  # the boards stay off the corners of the picture
     # Three standard errors, each below half of a percent of the focal length.
     assert found.focal_error_px < 0.005 * truth.fx
     assert abs(camera.fx - truth.fx) < 3 * found.focal_error_px
