@@ -225,7 +225,7 @@ def test_rows_and_bytes_are_limited(memory: KnowledgeBase) -> None:
 @pytest.mark.parametrize(
     ("text", "form", "error", "message"),
     [
-        ("SELECT * {\n ?x", None, QuerySyntaxError, "2:"),
+        ("SELECT * {\n ?x .", None, QuerySyntaxError, "1:10: this '{' is never closed"),
         ("SELECT (<urn:f>(1) AS ?x) {}", None, DataError, "urn:f"),
         ("SELECT * { SERVICE <urn:x> {} }", None, ForbiddenError, "SERVICE"),
         ("CONSTRUCT WHERE { ?s ?p ?o }", "text/csv", UsageError, "cannot represent triples"),

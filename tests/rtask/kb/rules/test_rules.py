@@ -180,7 +180,7 @@ BAD = [
     ("CONSTRUCT { ?a :x ?b } WHERE {\n ?a :on ?b FILTRE(?b > 3) }", 4, 12, "FILTER"),
     ("CONSTRUCT { ?a :x ?b } WHERE { ?a rt:hasGrap ?b }", 3, 35, "hasGrasp"),
     ("CONSTRUCT { ?a :x ?b } WHERE { ?a rtt:hasGrasp ?b }", 3, 35, "rt:"),
-    ("CONSTRUCT { ?a :x ?b } WHERE { ?a :on ?b", 3, 41, None),
+    ("CONSTRUCT { ?a :x ?b } WHERE { ?a :on ?b", 3, 30, None),
     ("CONSTRUCT { ?a :x ?b } WHERE { ?a :on ?b OPTIONAL { ?b :on ?c } }", 3, 42, None),
     ("CONSTRUCT { ?a :x ?b }\nWHERE { SERVICE <urn:x> { ?a :on ?b } }", 4, 9, None),
     ("SELECT ?a { ?a :on ?b }", 3, 1, None),
