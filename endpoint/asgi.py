@@ -302,6 +302,9 @@ class AsgiApplication:
             return b""
         allowed = self._context.config.max_upload_bytes
         size = 0
+        # Told now, a client need not send what would be refused after all of it had come.
+        if _announced(scope) > allowed:
+            raise RefusedError(413, "too-large", f"the body exceeds {allowed} bytes")
         buffer = BodyBuffer()
         try:
             while True:
@@ -314,7 +317,8 @@ class AsgiApplication:
                 self._held += len(piece)
                 if size > allowed:
                     raise RefusedError(413, "too-large", f"the body exceeds {allowed} bytes")
-                if self._held > MAX_HELD_BYTES:
+                # Whoever fills the room with uploads shall not keep others from small requests.
+                if self._held > MAX_HELD_BYTES and size > SMALL_BODY:
                     raise RefusedError(
                         503,
                         "busy",
@@ -394,6 +398,15 @@ def call_soon(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> 
 async def _never() -> Message:
     await asyncio.Event().wait()
     raise AssertionError
+
+
+def _announced(scope: Message) -> int:
+    """Return the length of the body that a request announces; 0 if it announces none."""
+    length: bytes
+    for name, length in scope["headers"]:
+        if name == b"content-length" and length.isdigit():
+            return int(length[:20])  # longer numbers are beyond any limit, whatever follows
+    return 0
 
 
 def _announces_body(scope: Message) -> bool:

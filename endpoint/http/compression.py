@@ -13,6 +13,8 @@ from rtask.errors import TooLargeError
 SMALLEST = 4 << 10
 _LEVEL = 1  # the network of a robot is slow, its server busy: the first level does most of it
 _PIECE = 1 << 20
+_WINDOW = 64 << 10
+_MAX_MEMBERS = 10_000
 
 
 @lru_cache(maxsize=256)
@@ -95,20 +97,35 @@ def unpacked(body: bytes, encoding: str, allowed: int) -> bytes:
             f"Content-Encoding {encoding!r} is not read here; gzip is",
             headers=(("Accept-Encoding", "gzip, identity"),),
         )
-    reader = zlib.decompressobj(wbits=31)
-    pieces, size, rest = [], 0, body
-    try:
-        while rest and not reader.eof:
+    pieces: list[bytes] = []
+    size = at = members = 0
+    rest, reader = b"", zlib.decompressobj(wbits=31)
+    is_read = False
+    while not is_read:
+        if not rest:
+            # In parts: what a member leaves is copied, and a body may have thousands of members.
+            rest, at = body[at : at + _WINDOW], at + _WINDOW
+            if not rest:
+                raise RefusedError(400, "usage", "the gzip body is cut off")
+        try:
             piece = reader.decompress(rest, _PIECE)
-            rest = reader.unconsumed_tail
-            size += len(piece)
-            if size > allowed:
-                raise TooLargeError(f"the body unpacks to more than {allowed} bytes", limit=allowed)
-            pieces.append(piece)
-            if not piece and not rest:
-                break
-    except zlib.error as error:
-        raise RefusedError(400, "usage", f"the body is not gzip: {error}") from None
-    if not reader.eof:
-        raise RefusedError(400, "usage", "the gzip body is cut off")
+        except zlib.error as error:
+            where = f" from its member {members + 1} on" if members else ""
+            raise RefusedError(400, "usage", f"the body is not gzip{where}: {error}") from None
+        size += len(piece)
+        if size > allowed:
+            raise TooLargeError(f"the body unpacks to more than {allowed} bytes", limit=allowed)
+        pieces.append(piece)
+        rest = reader.unconsumed_tail
+        # RFC 1952, 2.2: files packed one by one and put together are one file as well.
+        is_read = reader.eof
+        if is_read and (reader.unused_data or at < len(body)):
+            is_read = False
+            members += 1
+            if members == _MAX_MEMBERS:
+                raise TooLargeError(
+                    f"the gzip body has more than {_MAX_MEMBERS} members; pack it as one",
+                    limit=_MAX_MEMBERS,
+                )
+            rest, reader = reader.unused_data, zlib.decompressobj(wbits=31)
     return b"".join(pieces)

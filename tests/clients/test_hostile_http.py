@@ -113,6 +113,15 @@ def test_a_body_beyond_the_limit_is_413_packed_or_not(target: RunningServer) -> 
     assert httpx.head(url).status_code == 404
 
 
+def test_a_body_that_announces_too_much_is_413_before_it_comes(target: RunningServer) -> None:
+    for length in (5 << 20, 10**10, int("9" * 18)):
+        head = (
+            f"POST /update HTTP/1.1\r\n{HOST}Content-Type: application/sparql-update\r\n"
+            f"Content-Length: {length}\r\n\r\nINSERT"
+        )
+        assert say(target, head.encode()).startswith(b"HTTP/1.1 413 ")
+
+
 def test_a_packed_body_is_read(target: RunningServer) -> None:
     headers = {"Content-Type": "text/turtle", "Content-Encoding": "gzip"}
     url = f"{target.url}/store?graph=urn:packed"

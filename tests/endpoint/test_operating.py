@@ -6,6 +6,7 @@ import gzip
 import io
 import json
 import os
+import random
 import re
 import stat
 import zlib
@@ -396,7 +397,22 @@ def test_a_decompression_bomb_is_refused_before_it_is_held() -> None:
         unpacked(bomb, "gzip", 8 << 20)
 
 
-@pytest.mark.parametrize("body", [b"no gzip", gzip.compress(b"x")[:-4]], ids=["no gzip", "cut off"])
+def test_a_body_of_several_gzip_members_is_read_to_its_end() -> None:
+    members = [gzip.compress(bytes([65 + n]) * 50_000 * n) for n in range(4)]
+    wanted = b"".join(bytes([65 + n]) * 50_000 * n for n in range(4))
+    assert unpacked(b"".join(members), "gzip", 1 << 20) == wanted
+    noise = random.Random(5).randbytes(100_000)  # longer than what is read at a time
+    assert unpacked(gzip.compress(noise) + gzip.compress(noise), "gzip", 1 << 20) == noise * 2
+    with pytest.raises(TooLargeError, match="members"):
+        unpacked(gzip.compress(b"") * 10_001, "gzip", 1 << 20)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [b"no gzip", b"", gzip.compress(b"x")[:-4], gzip.compress(b"x") + b"rest",
+     gzip.compress(b"x") + gzip.compress(b"y")[:-1]],
+    ids=["no gzip", "nothing", "cut off", "something behind it", "second member cut off"],
+)  # fmt: skip
 def test_a_broken_gzip_body_is_refused(body: bytes) -> None:
     with pytest.raises(RefusedError) as refused:
         unpacked(body, "gzip", 1_000)

@@ -211,11 +211,11 @@ class SchemaRight:
         """
         if not isinstance(term, NamedNode | BlankNode):
             return False
-        known = self._own.get(term)
-        if known is None:
+        is_own = self._own.get(term)
+        if is_own is None:
             named = isinstance(term, BlankNode) or term.value.startswith(self._namespaces)
-            known = self._own[term] = named and not self.is_used_by_others(term)
-        return known
+            is_own = self._own[term] = named and not self.is_used_by_others(term)
+        return is_own
 
     def is_used_by_others(self, term: Term) -> bool:
         """Tell whether a graph that is not the caller's names an individual or a property."""

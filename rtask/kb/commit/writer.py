@@ -16,7 +16,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
-from rtask.errors import ClosedError, ForbiddenError, RtaskError, UsageError
+from rtask.errors import (
+    ClosedError,
+    ForbiddenError,
+    QueueFullError,
+    RtaskError,
+    UsageError,
+)
 from rtask.kb.commit.budget import return_memory
 from rtask.kb.commit.commit import Change, Commit, RecentChanges, Request
 from rtask.kb.commit.committer import Committer
@@ -295,7 +301,14 @@ class Writer:
         except ForbiddenError as error:
             if error.details.get("right") != "schema" or self.propose is None:
                 raise
-            number = self.propose(overlay, request, str(error))
+            try:
+                number = self.propose(overlay, request, str(error))
+            except QueueFullError as full:
+                # What was refused is said first: to wait would not make it allowed.
+                raise ForbiddenError(
+                    f"{error}. The change is not kept as a proposal either: {full}",
+                    **error.details,
+                ) from error
             if number is None:
                 raise
             raise ForbiddenError(

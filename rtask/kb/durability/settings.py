@@ -111,14 +111,14 @@ class Settings:
                 f"{folder} has the {age} format {stored}, this version reads {FORMAT}; {cure}",
                 format=stored,
             )
-        known = {field.name: field for field in fields(cls)}
-        required = {name for name, field in known.items() if field.default is MISSING}
+        settings = {field.name: field for field in fields(cls)}
+        required = {name for name, field in settings.items() if field.default is MISSING}
         if missing := required - record.keys():
             raise StoreFormatError(
                 f"{folder / _FILE} is damaged: it lacks {', '.join(sorted(missing))}; restore it "
                 "from a backup"
             )
-        return cls(**{name: record[name] for name in known if name in record})
+        return cls(**{name: record[name] for name in settings if name in record})
 
     def save(self, folder: Path) -> None:
         """Write the settings durably."""

@@ -122,20 +122,20 @@ def _lost(
     gone: dict[Quad, None],
     counts: _Cached,
     holders: Holders,
-    kept: Sequence[Container[TripleKey]],
+    staying: Sequence[Container[TripleKey]],
 ) -> list[TripleKey]:
     """Return the triples that no graph that counts holds any longer when these quads are gone.
 
     Parameters
     ----------
-    kept
+    staying
         Triples that are not lost in any case.
     """
     losers: dict[TripleKey, list[GraphName]] = {}
     # One change may take a triple from several graphs.
     for quad in gone:
         key = triple_key(quad)
-        if not any(key in more for more in kept):
+        if not any(key in more for more in staying):
             losers.setdefault(key, []).append(quad.graph_name)
     if len(gone) >= _LARGE:
         graphs = [graph for graph in store.named_graphs() if counts[graph]]

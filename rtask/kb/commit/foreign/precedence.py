@@ -189,9 +189,9 @@ class NamePrecedence:
         for clash in clashes:
             statements = support_of(clash).statements
             for triple in filter(self._is_new, statements):
-                found = self._stated_by_owner(triple, statements)
-                if found is not None:
-                    owner, stated = found
+                author = self._stated_by_owner(triple, statements)
+                if author is not None:
+                    owner, stated = author
                     return ForbiddenError(
                         f"{self._access.role} {self._access.agent} may not state "
                         f"{_words(triple)}: {owner}, who minted the name, states "

@@ -24,6 +24,7 @@ from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Request
 from rtask.kb.commit.schema_right import stored_axioms
 from rtask.kb.maintenance.backup import restore
+from rtask.kb.proposals import register
 from rtask.kb.proposals.register import LIFETIME, MAX_OPEN, Proposals
 from rtask.knowledge_base import KnowledgeBase
 
@@ -329,6 +330,18 @@ def test_a_refused_change_is_kept_as_a_proposal_where_that_is_set(tmp_path: Path
     with rtask.open(tmp_path / "restored") as kb:
         assert [one.state for one in kb.proposals.find()] == ["adopted", "proposed"]
         assert kb.adopt(2).added == 1
+
+
+def test_an_axiom_is_refused_as_one_where_no_more_proposals_are_kept(
+    kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(register, "MAX_OPEN", 1)
+    kb.proposes_axioms = True
+    insert_refused(kb, "rt:Pen rdfs:subClassOf <urn:Tool>")
+    with pytest.raises(ForbiddenError, match=r"right schema.* not kept .* 1 open proposals") as no:
+        insert(kb, "rt:Mug rdfs:subClassOf <urn:Vessel>")
+    assert no.value.details["right"] == "schema"
+    assert "proposal" not in no.value.details
 
 
 def insert_refused(kb: KnowledgeBase, statements: str) -> None:
