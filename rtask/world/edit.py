@@ -96,6 +96,7 @@ class WorldEdit(PendingWorld):
     def _see(self, seen: Seen) -> str:
         exemplar = seen.exemplar
         doubts: tuple[tuple[str, float], ...] = ()
+        rivals: Sequence[str] = ()
         if not exemplar:
             candidates = [
                 self.candidate(candidate, seen) for candidate in self.exemplars(seen.product)
@@ -108,9 +109,7 @@ class WorldEdit(PendingWorld):
             elif exemplar:
                 self._guessed.setdefault(seen.product, []).append(exemplar)
             else:
-                # Of three cups in sight two were lost: which two, nobody knows.
-                found = self._guessed.get(seen.product, ())
-                doubts += tuple((name, 1.0 / (len(found) + 1)) for name in found)
+                rivals = self._guessed.get(seen.product, ())
             # A thing that was followed all along is known by that, and needs no doubts.
             if exemplar and not identity.is_followed:
                 doubts += mutual_doubts(self.world, exemplar, {name for name, _ in doubts})
@@ -120,6 +119,11 @@ class WorldEdit(PendingWorld):
             if other not in dict(self.world.doubts(exemplar)):
                 base = self.world.kb.base
                 self.statements += doubted(base, exemplar, other, chance, seen.time_s)
+        for other in rivals:
+            # Of three cups in sight two were lost: which two, nobody knows, nor ever will.
+            for pair in ((exemplar, other), (other, exemplar)):
+                share = 1.0 / (len(rivals) + 1)
+                self.statements += doubted(self.world.kb.base, *pair, share, seen.time_s)
         last = self.last(exemplar)
         if last is not None and seen.time_s < last.begin:
             self._see_late(exemplar, seen)

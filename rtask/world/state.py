@@ -175,9 +175,15 @@ class WorldState:
         return stated or [(0.5, -_NEVER)]
 
     def _are_older(self, node: NamedNode, other: NamedNode, time_s: float) -> bool:
-        """Whether both of two things had a place before a time, and none of them is the other."""
+        """Whether both of two things had a place before a time, and none of them is the other.
+
+        Or whether either may be the other since a look that saw both of them anew: that both are
+        seen again does not tell which of them is the one that was known before.
+        """
         if self.kb.match(other, RT.mergedInto, node):
             return False
+        if self.kb.match(other, RT.possiblyIdenticalTo, node):
+            return True
         return all(
             any(begin < time_s for begin in self.index.begins(thing.value, -_NEVER, time_s))
             for thing in (node, other)
