@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from simulate.motion.collision import link_poses
-from simulate.onboarding.closing import link_cloud
+from simulate.onboarding.closing import link_cloud, points_of
 from simulate.robots.description import Floats, Joint, RobotDescription
 from simulate.robots.mesh_cover import shape_points
 
@@ -68,7 +68,7 @@ def single_jaw(robot: RobotDescription, wrist: str, joint: Joint) -> SingleJaw |
     joint
         A joint on it.
     """
-    palm, jaw = filled_cloud(robot, wrist), link_cloud(robot, joint.child)
+    palm, jaw = link_cloud(robot, wrist), link_cloud(robot, joint.child)
     if not (len(palm) and len(jaw)) or joint.parent != wrist:
         return None
     measure = _sliding if joint.kind == "prismatic" else _turning
@@ -94,16 +94,18 @@ def _turning(robot: RobotDescription, wrist: str, joint: Joint, palm: Floats) ->
         closing = np.cross(axis, approach)
         closing = closing * np.sign((_middle(there) - _middle(here)) @ closing)
         length = float((here @ approach).max())
-        ahead, beside = arms @ approach, np.abs((arms - out) @ axis)
-        is_fixed = (ahead >= _ALONG * length) & (ahead <= _MAX_ALONG * length)
-        fixed = arms[is_fixed & (beside <= _BESIDE_M)]
+        fixed = _outer(arms, (approach, axis), out, length)
         if len(fixed) < _FEWEST:
             continue
         tip = here[here @ approach >= _ALONG * length]
         gap = float(np.median(tip @ closing) - np.median(fixed @ closing))
         if gap < -_CLOSE * length or gap > _CLOSE * length:
             continue
-        approach, closing = _between((fixed, tip), approach, closing)
+        jaws = _filled(robot, wrist), _filled(robot, joint.child, _pose_of(wrist, joint, closed))
+        still, moving = (
+            _outer(points - hinge[:3, 3], (approach, axis), out, length) for points in jaws
+        )
+        approach, closing = _between((still, moving), approach, closing)
         made = SingleJaw(joint, closed, opened, approach, closing, fixed + hinge[:3, 3])
         if best is None or abs(gap) < best[0]:
             best = (abs(gap), made)
@@ -135,6 +137,24 @@ def _sliding(robot: RobotDescription, wrist: str, joint: Joint, palm: Floats) ->
         return None
     closed, opened = (joint.lower, joint.upper) if away > 0 else (joint.upper, joint.lower)
     return SingleJaw(joint, closed, opened, approach, away * axis, fixed)
+
+
+def _outer(points: Floats, axes: tuple[Floats, Floats], middle: Floats, length: float) -> Floats:
+    """Return those points (n, 3) of a jaw, from the hinge, that lie beyond it.
+
+    Parameters
+    ----------
+    axes
+        Approach, and that of the hinge: unit (3,).
+    middle : (3,)
+        Of the moving jaw, m.
+    length
+        Of the moving jaw, m.
+    """
+    approach, axis = axes
+    ahead, beside = points @ approach, np.abs((points - middle) @ axis)
+    is_ahead = (ahead >= _ALONG * length) & (ahead <= _MAX_ALONG * length)
+    return np.asarray(points[is_ahead & (beside <= _BESIDE_M)])
 
 
 def _between(
@@ -185,7 +205,7 @@ def _lean(points: Floats, approach: Floats, closing: Floats) -> float | None:
     return lean if is_long and abs(lean) <= _MAX_LEAN else None
 
 
-def filled_cloud(robot: RobotDescription, link: str) -> Floats:
+def _filled(robot: RobotDescription, link: str, wrist_from_link: Floats | None = None) -> Floats:
     """Return points (n, 3) m on the shapes of a link, also between the corners of a plain one.
 
     Of a bar that begins at the palm, corners alone would show the far end only.
@@ -196,7 +216,8 @@ def filled_cloud(robot: RobotDescription, link: str) -> Floats:
             corners = shape_points(shape)
             shares = np.linspace(0.0, 1.0, _BETWEEN)[:, None, None]
             clouds.append((corners + shares * (corners[:, None] - corners)[:, None]).reshape(-1, 3))
-    return np.concatenate(clouds)
+    points, pose = np.concatenate(clouds), np.eye(4) if wrist_from_link is None else wrist_from_link
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 
 def _middle(points: Floats) -> Floats:
@@ -210,6 +231,9 @@ def _middle(points: Floats) -> Floats:
 
 def _jaw(robot: RobotDescription, wrist: str, joint: Joint, value: float) -> Floats:
     """Return the points (n, 3) m of the jaw at a joint value, wrist frame."""
-    pose = link_poses(wrist, [joint], {joint.name: value})[joint.child]
-    points = filled_cloud(robot, joint.child)
-    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
+    return points_of(robot, joint.child, _pose_of(wrist, joint, value))
+
+
+def _pose_of(wrist: str, joint: Joint, value: float) -> Floats:
+    """Return wrist_from_link (4, 4) of what a joint moves, at a value, rad or m."""
+    return link_poses(wrist, [joint], {joint.name: value})[joint.child]

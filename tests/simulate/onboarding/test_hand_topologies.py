@@ -283,3 +283,35 @@ def test_links_that_somebody_names_are_jaws_where_none_are_found(tmp_path):
     ):
         with pytest.raises(RobotError, match=says):
             hand_between(robot, links)
+
+
+def test_a_jaw_whose_hinge_lies_aside_closes_midway_between_both_jaws(tmp_path):
+    # By the way from the hinge to the jaw's middle, the hand came in 25 degrees aslant.
+    built = (
+        Builder()
+        .arm(4)
+        .link("a4", PALM, ("0.02 0.006 0.09", "0 -0.01 0.095"))
+        .link("part", ("0.02 0.006 0.085", "0 -0.047 0.0425"), ("0.02 0.05 0.01", "0 -0.02 0"))
+        .joint("a4", "part", "0 0.045 0.055", "1 0 0", -1.2, 0.05)
+    )
+    [hand] = found(tmp_path, built)
+    assert hand.is_single
+    assert np.degrees(np.arccos(hand.approach[2])) < 8
+
+
+def test_the_tip_of_a_finger_is_the_link_farthest_from_its_own_root(tmp_path):
+    # A platform's frame lies far above: its fingers bend back towards it.
+    built = Builder().link("base", ("0.3 0.3 0.02", "0 0 0.3"))
+    for k in range(3):
+        angle = 2 * np.pi * k / 3
+        x, y = 0.06 * np.cos(angle), 0.06 * np.sin(angle)
+        upper, middle, lower = (f"finger_{part}_link_{k}" for part in ("upper", "middle", "lower"))
+        built.link(upper, ("0.02 0.02 0.03", "0 0 -0.01"))
+        built.link(middle, ("0.02 0.02 0.16", "0 0 -0.08"))
+        built.link(lower, ("0.016 0.016 0.16", "0 0 -0.08"))
+        axis = f"{-np.sin(angle)} {np.cos(angle)} 0"
+        built.joint("base", upper, f"{x} {y} 0.29", f"{np.cos(angle)} {np.sin(angle)} 0", -0.3, 0.3)
+        built.joint(upper, middle, "0 0 -0.02", axis, -1.2, 0.6)
+        built.joint(middle, lower, "0 0 -0.16", axis, 0.0, 1.6)
+    [hand] = found(tmp_path, built)
+    assert {joint.child.split("_")[1] for joint in hand.fingers} >= {"middle", "lower"}
