@@ -272,7 +272,7 @@ class Writer:
         request = replace(request, supports=change.supports)
         assert self._trials is not None
         try:
-            with self._trials.tried(change) as trial:
+            with self._trials.tried(change, request.access.agent) as trial:
                 # Where the copy is of no use a second one would not be either.
                 again = replace(request, trial=trial, is_repeatable=trial.is_of_use)
                 return commit(again, trial)
@@ -280,7 +280,7 @@ class Writer:
             change = error
         finally:
             return_memory()
-        with self._trials.tried(change) as trial:
+        with self._trials.tried(change, request.access.agent) as trial:
             done = commit(replace(request, trial=trial), trial)
         return_memory()
         return done

@@ -23,6 +23,7 @@ import contextlib
 import os
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -166,11 +167,17 @@ class TrialDerivations:
         self._inference = inference
         self._lock = lock
         self._stop = stop
-        self._slots = threading.BoundedSemaphore(_AT_ONCE)
+        self._authors: Counter[str | None] = Counter()
+        self._choosing = threading.Lock()
 
     @contextlib.contextmanager
-    def tried(self, change: LongDerivationError) -> Iterator[Trial]:
+    def tried(self, change: LongDerivationError, who: str | None = None) -> Iterator[Trial]:
         """Derive what follows from a change, for the commit to adopt; needs no lock.
+
+        Parameters
+        ----------
+        who
+            The author, who leaves a place to others; ``None`` for callers without a name.
 
         Raises
         ------
@@ -181,7 +188,7 @@ class TrialDerivations:
         """
         seconds = change.limits.seconds
         until = None if seconds is None else time.monotonic() + seconds + _GRACE_S
-        with self._slot(until):
+        with self._slot(until, who):
             with self._lock():
                 trial = Trial(self._inference, self._lock, change, self._stop)
             try:
@@ -199,8 +206,9 @@ class TrialDerivations:
             raise ContradictedTrialError(outcome.contradictions, outcome.causes, change.supports)
 
     @contextlib.contextmanager
-    def _slot(self, until: float | None) -> Iterator[None]:
-        while not self._slots.acquire(timeout=_LOOK_S):
+    def _slot(self, until: float | None, who: str | None) -> Iterator[None]:
+        while not self._take(who):
+            time.sleep(_LOOK_S)
             if self._stop.is_set():
                 raise stopping()
             if until is not None and time.monotonic() > until:
@@ -213,7 +221,17 @@ class TrialDerivations:
         try:
             yield
         finally:
-            self._slots.release()
+            with self._choosing:
+                self._authors[who] -= 1
+
+    def _take(self, who: str | None) -> bool:
+        """Take a place if there is one for an author; tell whether it was taken."""
+        most = _AT_ONCE if who is None else _AT_ONCE - 1
+        with self._choosing:
+            if self._authors[who] >= most or self._authors.total() >= _AT_ONCE:
+                return False
+            self._authors[who] += 1
+            return True
 
 
 class Trial:

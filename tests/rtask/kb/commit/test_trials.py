@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
+import threading
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from pyoxigraph import Quad
 
 import rtask
-from rtask.errors import InconsistentError, RtaskError
+from rtask.errors import BusyError, InconsistentError, RtaskError
 from rtask.kb.commit import budget
 from rtask.kb.commit.access import Access
+from rtask.kb.commit.budget import UNBOUNDED
 from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.trials import derivation
+from rtask.kb.commit.trials.derivation import LongDerivationError, TrialDerivations
 from rtask.kb.commit.trials.process import CAN_FORK
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
@@ -206,3 +211,38 @@ def test_a_rehearsal_is_refused_as_the_commit_would_be(
     with pytest.raises(RtaskError):
         kb.try_change([everything])
     assert_current(kb)
+
+
+def test_an_author_leaves_a_place_to_the_trials_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(derivation, "Trial", _Idle)
+    stop = threading.Event()
+    trials = TrialDerivations(cast("Any", None), contextlib.nullcontext, stop)
+    change = LongDerivationError([], [], None, 1, UNBOUNDED, None, cast("Any", None))
+    with trials.tried(change, "nao-1"), trials.tried(change, "nao-2"):
+        stop.set()  # whoever waits is told so
+        for who in ("nao-1", "nao-3", None):
+            with pytest.raises(BusyError, match="stopping"), trials.tried(change, who):
+                pass
+    with trials.tried(change, "nao-1"):
+        with pytest.raises(BusyError), trials.tried(change, "nao-1"):
+            pass
+        with trials.tried(change, "nao-3"):
+            pass
+    with trials.tried(change), trials.tried(change):
+        pass
+
+
+class _Idle:
+    """A trial of which nothing comes."""
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    def outcome(self, _: float | None) -> Any:
+        return SimpleNamespace(error=None, contradictions=())
+
+    def catch_up(self) -> None:
+        pass
+
+    def end(self) -> None:
+        pass
