@@ -26,6 +26,7 @@ __all__ = ["MAX_TEXT", "Understood", "read_goal"]
 
 _MAX_NAMES = 500
 _MAX_COMPARED = 12
+_BEYOND = ("next to", "beside", "between", "near", "behind", "in front of", "without")
 _VOCABULARY = frozenset().union(*CLASSES.values(), PUT, GRASP, ADJECTIVES, NUMBERS)
 
 
@@ -159,6 +160,12 @@ def _not_understood(select: Select, items: Items) -> UsageError | UnknownTermErr
     at = min(items.furthest, len(items) - 1)
     word = items.word(at)
     listed = _listed(items)
+    beyond = next((words for words in _BEYOND if f" {words} " in f" {' '.join(items.words)} "), "")
+    if beyond:
+        return UsageError(
+            f"{beyond!r} is nothing that a goal can ask for: what robots do brings things to "
+            "places, into hands, and away from places"
+        )
     if items.furthest >= len(items):
         return UsageError(
             f"{items.text(0, len(items))!r} does not say where to, or not clearly; understood: "

@@ -168,6 +168,18 @@ def test_things_are_shared_out_among_goals_and_none_is_to_be_at_two_places(lab):
         lab.tasks.plan("all cups into the left box, then cup-1 onto the table")
 
 
+def test_long_lists_and_many_clauses_are_read_in_one_way(lab):
+    names = ", ".join([*THINGS, "cup-1", "cup-2"] * 2)
+    assert len(read(lab, f"put {names} and the jug into the left box")) == 2 * len(THINGS) + 5
+    goal = " and ".join(f"the {name} into the left box" for name in THINGS)
+    assert len(read(lab, goal)) == len(THINGS)
+
+
+def test_a_relation_that_no_action_brings_about_is_told_as_such(lab):
+    with pytest.raises(UsageError, match="'next to' is nothing that a goal can ask for"):
+        read(lab, "put the can next to the jug")
+
+
 def test_a_goal_that_hangs_on_what_does_not_hold_asks_for_nothing(lab):
     plan = lab.tasks.plan("if the table is empty, put all cups on it")
     assert plan.is_complete
