@@ -201,7 +201,7 @@ def run(copy: Path, tests: Sequence[str], timeout_s: float) -> Run:
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         return Run(_TIMED_OUT, None)
-    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
+    failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", done.stdout, re.MULTILINE)
     return Run(done.returncode, failed[1] if failed else None)
 
 
@@ -315,7 +315,9 @@ def main() -> None:
         gone = len(_rows(given.again)) - len(former)
         sys.stdout.write(f"{gone} are changes of code that is no longer so\n" if gone else "")
     else:
-        mutations = drawn(given.seed, given.n, _files(given.files))
+        # What was tried counts, though another draw may follow from files that came or went since.
+        drawn_now = drawn(given.seed, given.n, _files(given.files))
+        mutations = list(dict.fromkeys([*former, *drawn_now]))[: max(given.n, len(former))]
     states = []
     with tempfile.TemporaryDirectory(prefix="mutations-") as folder:
         copy = Path(folder) / "checkout"

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from rtask.errors import RemoteUnavailableError, RobotError
+from simulate.drivers.action_arm import ActionArm
 from simulate.drivers.contract import check_ending
 from simulate.drivers.joint_states import JointLimits, check_positions, settled_joints
 from simulate.drivers.rosbridge import RosbridgeArm
+from simulate.drivers.rosbridge_goals import GoalEnd
 from simulate.motion.trajectory import join, reverse, time_path
 from tests.processes import EVER_LONGER_S, wait_until
 from tests.simulate.drivers.benches import PATIENT_S, be_patient, error_of, waits_restored
@@ -243,3 +246,18 @@ def test_a_joint_without_ends_that_was_wound_up_is_told_from_one_beyond_its_end(
     limits = JointLimits(np.full(2, -end), np.full(2, end))
     with pytest.raises(RobotError, match=says):
         check_positions(np.array([0.3, 4.0]), JOINTS, limits)
+
+
+class _ArmThatEndsAtOnce(ActionArm):
+    def send(self, way, ended):
+        ended(GoalEnd(4, 0, ""))
+
+    def cancel(self):
+        pass
+
+
+@pytest.mark.parametrize("duration_s", [0.5, 60.0])
+def test_an_end_is_waited_for_as_long_as_the_motion_takes(duration_s):
+    arm = _ArmThatEndsAtOnce(ACTION, JOINTS, 2, LIMITS, time.time)
+    watch = SimpleNamespace(check_alive=lambda: None, deadline=float("inf"))
+    assert arm._carried_out(SimpleNamespace(duration=duration_s), watch).status == 4

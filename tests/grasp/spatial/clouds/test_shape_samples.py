@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.clouds.cloud import prepare_cloud
@@ -14,6 +15,7 @@ from grasp.spatial.gripper import panda_hand
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.rays import first_and_last
 from grasp.spatial.meshes.shapes import box_mesh
+from grasp.spatial.scoring import shape_chance
 from grasp.spatial.scoring.shape_chance import with_shape_chance
 
 EYE = np.array([0.3, 0.25, 0.35])
@@ -116,3 +118,22 @@ def test_a_grasp_holds_the_likelier_the_more_samples_it_closes_on(samples):
     assert heavy.scores["lift"] < good.scores["lift"]
     assert heavy.scores["lift_chance"] < good.scores["lift_chance"]
     assert with_shape_chance([], samples, hand) == []
+
+
+def test_a_hand_is_inside_a_sample_wherever_it_is_turned():
+    """A block below z = 6 cells of 1 mm: the points of a hand in it are told by a product."""
+    cell = 0.001
+    heights = np.broadcast_to((np.arange(12) - 6.0) * cell, (12, 12, 12)).astype(np.float32)
+    ripple = np.zeros((12, 12, 12), np.float32)
+    shape = (heights, heights, ripple, np.eye(4), cell, 1.0)
+    rng = np.random.default_rng(5)
+    told, expected = [], []
+    for turn in Rotation.random(60, random_state=6).as_matrix():
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = turn, rng.uniform(4.0, 7.5, 3)
+        probes = rng.uniform(-1.7, 1.7, (2, 3))
+        told.append(bool(shape_chance._is_inside(shape, pose, probes)))
+        depth_m = (6.0 - (probes @ turn.T + pose[:3, 3])[:, 2]) * cell
+        expected.append(bool((depth_m > shape_chance._IN_WALL_M).any()))
+    assert told == expected
+    assert 10 < sum(expected) < 50
