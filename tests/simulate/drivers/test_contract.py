@@ -259,5 +259,5 @@ class _ArmThatEndsAtOnce(ActionArm):
 @pytest.mark.parametrize("duration_s", [0.5, 60.0])
 def test_an_end_is_waited_for_as_long_as_the_motion_takes(duration_s):
     arm = _ArmThatEndsAtOnce(ACTION, JOINTS, 2, LIMITS, time.time)
-    watch = SimpleNamespace(check_alive=lambda: None, deadline=float("inf"))
+    watch = SimpleNamespace(check=lambda: None, deadline=float("inf"))
     assert arm._carried_out(SimpleNamespace(duration=duration_s), watch).status == 4
