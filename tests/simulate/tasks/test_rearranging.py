@@ -149,3 +149,31 @@ def test_only_what_is_taken_away_beside_a_thing_puts_help_off(world, meanwhile, 
     failed = [number for number, turn in enumerate(turns) if turn == (NAO, "failed")]
     assert (PANDA, "done") in turns[failed[0] : failed[1]]
     assert len(failed) == failures, "then the Panda puts the cup down anew"
+
+
+class Stumbling:
+    """A robot that finds no way to the cup at first."""
+
+    def __init__(self, robot):
+        self._robot, self._failed = robot, False
+
+    def __getattr__(self, name):
+        return getattr(self._robot, name)
+
+    def pick(self, item, place, hand):
+        if item == CUP and not self._failed:
+            self._failed = True
+            return Deed(False, "ik", was_tried=False)
+        return self._robot.pick(item, place, hand)
+
+
+def test_a_goal_is_planned_again_for_the_things_that_its_words_meant_at_first(world):
+    """Once the pen has left the table, "a thing from the table" would be the jug."""
+    world.lab = read_lab(world.planner.query, np.random.default_rng(3))
+    world.store("something from the table into the right box, then the red cup onto the table")
+    crew = world.crew()
+    crew.robots[PANDA].body = Stumbling(world.lab.robot(PANDA))
+    (ended,) = crew.work()
+    assert (ended.result, ended.repairs > 0) == ("reached", True)
+    assert [world.lab.where[item] for item in (PEN, JUG)].count(RIGHT) == 1
+    assert world.lab.where[CUP] == TABLE
