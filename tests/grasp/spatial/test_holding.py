@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from grasp.spatial.scoring.confidence import PoseNoise, score_grasps
 from grasp.spatial.scoring.holding import (
     CARRY_G,
     LIFT_G,
+    Demand,
     assumed_mass,
     demands,
     hold_shares,
@@ -223,3 +225,15 @@ def test_closing_quality_by_epsilon_keeps_its_own_order() -> None:
     assert "carry" not in found[0].scores
     scored = score_grasps(list(propose_on_mesh(box, HAND, tries=200)), box, HAND, samples=5)
     assert all("carry" not in c.scores for c in scored)
+
+
+def test_an_acceleration_asks_for_as_many_times_the_force():
+    contacts = SimpleNamespace(met=np.ones((1, 1), bool))
+
+    def share(force: float, torque: float, taper: float, acceleration: float) -> float:
+        demand = Demand(*(np.full((1, 1), value) for value in (force, torque, taper)))
+        return float(hold_shares(contacts, demand, acceleration)[0, 0])
+
+    assert share(0.3, 0.2, 0.4, 2.0) == pytest.approx(share(0.6, 0.4, 0.4, 1.0))
+    alone = [share(*(0.7 * (k == n) for k in range(3)), 1.0) for n in range(3)]
+    assert alone == pytest.approx([alone[0]] * 3)

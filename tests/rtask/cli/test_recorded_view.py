@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,11 +13,14 @@ from click.testing import CliRunner
 
 from features.codec import encode_frame
 from features.geometry import Frame
+from features.imaging import recordings
 from features.perception import perceive
+from rtask.cli.perception import posed
 from rtask.cli.perception.scene_file import View
 from rtask.cli.perception.segment import segment
 from rtask.cli.perception.selecting import Selection, objects_in
 from rtask.errors import UsageError
+from rtask.ros2 import transforms
 from tests.rtask.interop.ros.scene import BASE_FROM_CAMERA, INTRINSICS, urdf_of, view
 
 pytest.importorskip("rosbags")
@@ -203,3 +207,22 @@ def test_several_times_need_to_know_where_the_camera_was(tmp_path):
     error = run(record(tmp_path / "rec"), "--also-at", "0").exception
     assert isinstance(error, UsageError)
     assert "--also-at: needs a recording whose TF" in str(error)
+
+
+def test_the_transform_that_is_as_old_as_the_view_gives_the_time(monkeypatch) -> None:
+    """A time in s loses nanoseconds, by which the newest transform would be too old."""
+    made: list[object] = []
+    stamps = [(STAMP_NS - 90_000_000, "older"), (STAMP_NS - 40, "newest")]
+    messages = [
+        SimpleNamespace(transforms=[SimpleNamespace(header=SimpleNamespace(stamp=SimpleNamespace(
+            sec=time_ns // 10**9, nanosec=time_ns % 10**9)))])
+        for time_ns, _ in stamps
+    ]  # fmt: skip
+    monkeypatch.setattr(
+        recordings, "transforms_near", lambda file, at: [(message, False) for message in messages]
+    )
+    monkeypatch.setattr(
+        transforms.TransformBuffer, "take", lambda self, message, is_static: made.append(message)
+    )
+    _, time_ns = posed._transforms_at(Path("a.mcap"), STAMP_NS / 1e9)
+    assert (time_ns, made) == (STAMP_NS - 40, messages)
