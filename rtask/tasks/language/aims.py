@@ -138,6 +138,13 @@ def _number(select: Select, deed: Deed, conditions: Sequence[str]) -> tuple[int 
         )
     if quantity.kind == "all":
         return None, False
+    if deed.phrase.is_definite and deed.phrase.quantity is None:
+        things = exemplars_of(select, conditions)
+        if len(things) > 1:
+            raise UsageError(
+                f"which {deed.phrase.text} is meant is not said: the graph knows of {len(things)}; "
+                "name it, or say one, two or all"
+            )
     if quantity.kind == "some":
         return int(quantity.number), False
     things = exemplars_of(select, conditions)

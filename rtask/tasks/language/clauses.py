@@ -208,6 +208,9 @@ class Clauses:
                         everything = replace(_EVERYTHING, left_out=left_out)
                         yield _away((everything,), place), after
                 yield from self._rid(place, end)
+                emptied = replace(_EVERYTHING, places=((place, False),))
+                for target, last in self._placed(end):  # "empty the tray into the box"
+                    yield _clause("put", (emptied,), target), last
         for phrases, end in self.phrases.lists(at):  # "clear the cups from the table"
             for begin in items.ends(end, "from|off"):
                 for place, after in self.phrases.places(begin):

@@ -125,6 +125,8 @@ class Phrase:
     ----------
     heads
         Names; empty for "things", "ones" and what stands for a noun.
+    is_definite
+        With an article: of "the cup" there is one.
     colours, materials
         Each with whether they do not have it; of several names in one, any will do.
     traits
@@ -142,6 +144,7 @@ class Phrase:
     heads: tuple[Name, ...] = ()
     is_generic: bool = False
     is_plural: bool = False
+    is_definite: bool = False
     quantity: Quantity | None = None
     colours: tuple[tuple[tuple[Name, ...], bool], ...] = ()
     materials: tuple[tuple[tuple[Name, ...], bool], ...] = ()

@@ -29,7 +29,7 @@ class Quantities:
         ends = self.items.ends
         yield Phrase(), at
         for end in ends(at, "DET"):
-            yield Phrase(), end
+            yield Phrase(is_definite=True), end
             for number, after in self.numbers(end):
                 yield Phrase(quantity=Quantity("definite", number)), after
         for end in ends(at, "all|every|each|both of?"):
