@@ -23,6 +23,8 @@ Take = Callable[[Any, Any], None]
 """Takes a reader and a sample of it."""
 
 _GRAPH_TOPIC = "ros_discovery_info"
+_LATCHED = 100
+"""Writers of one latched topic that a reader hears at once; as tf2 keeps of /tf_static."""
 _GRAPH_TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _GRAPH_TEXTS = {
     "rmw_dds_common/msg/Gid": "uint8[16] data\n",
@@ -142,7 +144,7 @@ class DdsNode:
         reliable and transient local, which matches latched ones.
         """
         sample = self._structs.of_topic(type_)
-        qos = self._qos(type_, is_latched, is_sensor=not is_latched)
+        qos = self._qos(type_, is_latched, is_sensor=not is_latched, is_read=True)
         self._reader(f"rt{self._full(topic)}", sample, qos, lambda _, heard: hear(heard.cdr))
 
     def watch_nodes(self, hear: Callable[[set[str]], None]) -> None:
@@ -153,7 +155,8 @@ class DdsNode:
             nodes = info.node_entities_info_seq
             hear({f"{n.node_namespace.rstrip('/')}/{n.node_name}" for n in nodes})
 
-        sample, qos = self._structs.of_topic(_GRAPH_TYPE), self._qos(_GRAPH_TYPE, is_latched=True)
+        sample = self._structs.of_topic(_GRAPH_TYPE)
+        qos = self._qos(_GRAPH_TYPE, is_latched=True, is_read=True)
         self._reader(_GRAPH_TOPIC, sample, qos, take)
 
     def serve(self, service: str, type_: str, handle: Callable[[Any], Any]) -> None:
@@ -263,14 +266,19 @@ class DdsNode:
         made.data = guid
         return made
 
-    def _qos(self, type_: str, is_latched: bool = False, is_sensor: bool = False) -> Any:
+    def _qos(
+        self, type_: str, is_latched: bool = False, is_sensor: bool = False, is_read: bool = False
+    ) -> Any:
         from cyclonedds.core import Policy, Qos
         from cyclonedds.util import duration
 
         reliable = Policy.Reliability.Reliable(duration(seconds=10))
+        # Many write to one latched topic, such as /tf_static, each its last message: a reader that
+        # keeps one alone loses those that come before it has taken the first, and for good.
+        depth = _LATCHED if is_latched and is_read else 1 if is_latched else 5 if is_sensor else 10
         return Qos(
             Policy.Reliability.BestEffort if is_sensor else reliable,
-            Policy.History.KeepLast(1 if is_latched else 5 if is_sensor else 10),
+            Policy.History.KeepLast(depth),
             Policy.Durability.TransientLocal if is_latched else Policy.Durability.Volatile,
             Policy.Userdata(f"typehash={self.types.hash(type_)};".encode()),
         )

@@ -154,6 +154,19 @@ def test_the_node_is_seen_by_name_and_its_endpoints_have_hashes(served, robot, t
 
 
 @pytest.mark.slow
+def test_a_late_reader_of_a_latched_topic_hears_all_who_write_it(robot, types):
+    """As of /tf_static, which each driver writes once; the last message of one hid the others'."""
+    topic, heard, missing = "rtask/static", queue.Queue(), set("abcdefgh")
+    for text in sorted(missing):
+        message = types.make(STRING)
+        message.data = text
+        robot.publisher(topic, STRING, is_latched=True).publish(message)
+    robot.subscribe(topic, STRING, heard.put, is_latched=True)
+    while missing:
+        missing.discard(types.decode(heard.get(timeout=60), STRING).data)
+
+
+@pytest.mark.slow
 def test_a_call_from_a_shell_prints_the_response(served, network):
     run = run_command(
         "ros2", "dds", "call", "register_robot",
