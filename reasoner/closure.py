@@ -7,7 +7,7 @@ import sys
 import time
 import weakref
 from collections.abc import Collection, Iterable, Mapping
-from typing import Protocol, TypeGuard
+from typing import Protocol
 
 from pyoxigraph import Literal, NamedNode
 from pyoxigraph import Triple as TripleTerm
@@ -26,7 +26,7 @@ from reasoner.proofs import Proof
 from reasoner.rules.user_rules import LabelledRule
 from reasoner.rules.work import ChangeBudget
 from reasoner.saved.image import Contents, Image, fingerprint
-from reasoner.terms.dictionary import Fact, GivenTriple, Term, Triple
+from reasoner.terms.dictionary import Fact, GivenTriple, Term, Triple, is_plain, is_term
 from reasoner.terms.vocabulary import RDF
 from reasoner.view import ClosureView
 
@@ -409,7 +409,7 @@ class Closure(ClosureView):
 
     def _changed(self, add: Iterable[GivenTriple], remove: Iterable[GivenTriple]) -> Asserted:
         plus = set(self._encode(add))
-        minus = set(self._terms.encode_all(filter(_is_plain, remove)))
+        minus = set(self._terms.encode_all(filter(is_plain, remove)))
         asserted = self._state.asserted
         return Asserted(
             asserted,
@@ -424,13 +424,11 @@ class Closure(ClosureView):
         rest = iter(triples)
         while batch := list(itertools.islice(rest, _BATCH)):
             count += len(batch)
-            reifiers |= {s for s, p, _ in batch if p == _REIFIES and _is_term(s)}
+            reifiers |= {s for s, p, _ in batch if p == _REIFIES and is_term(s)}
             plain: list[Triple] = [
                 (s, p, o)
                 for s, p, o in batch
-                if not isinstance(s, _NO_SUBJECTS)
-                and not isinstance(o, TripleTerm)
-                and s not in reifiers
+                if not isinstance(s, _NO_SUBJECTS) and is_term(o) and s not in reifiers
             ]
             facts += self._terms.encode_all(plain)
         if len(reifiers) > encoded and count > _BATCH:
@@ -495,11 +493,3 @@ class Closure(ClosureView):
         reading = self._reading(draft)
         first = sorted(findings, key=lambda finding: finding.identity[0])[:LISTED_CONTRADICTIONS]
         return sorted((describe(f, reading) for f in first), key=lambda c: c.message)
-
-
-def _is_term(term: Term | TripleTerm) -> TypeGuard[Term]:
-    return not isinstance(term, TripleTerm)
-
-
-def _is_plain(triple: GivenTriple) -> TypeGuard[Triple]:
-    return _is_term(triple[0]) and _is_term(triple[2])

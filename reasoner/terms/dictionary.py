@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Iterator
+from typing import TypeGuard
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 from pyoxigraph import Triple as TripleTerm
@@ -18,6 +19,16 @@ GivenTriple = tuple[Term | TripleTerm, Term, Term | TripleTerm]
 """A triple as RDF 1.2 allows it; only those without triple terms are encoded."""
 Fact = tuple[int, int, int]
 """Subject, predicate, object as ids."""
+
+
+def is_term(term: Term | TripleTerm) -> TypeGuard[Term]:
+    """Whether a term of RDF 1.2 is no triple term."""
+    return not isinstance(term, TripleTerm)
+
+
+def is_plain(triple: GivenTriple) -> TypeGuard[Triple]:
+    """Whether a triple has no triple term, and can be encoded."""
+    return is_term(triple[0]) and is_term(triple[2])
 
 
 class Dictionary:

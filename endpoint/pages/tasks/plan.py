@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from urllib.parse import urlencode
 
 import flask
@@ -49,7 +50,8 @@ def plan() -> Model:
             model["problem"] = str(error)
     kb = knowledge_base()
     if model["plan"] is None and isinstance(kb, KnowledgeBase) and "read" in SCOPES[access.role]:
-        model["examples"] = kb.tasks.examples(access)
+        with contextlib.suppress(RtaskError):  # the page serves without them, too
+            model["examples"] = kb.tasks.examples(access)
     return model
 
 

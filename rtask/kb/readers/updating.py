@@ -14,6 +14,9 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
+
+from pyoxigraph import Quad
 
 from rtask.errors import BusyError, QueryTimeout
 from rtask.kb.commit.access import Access
@@ -22,10 +25,10 @@ from rtask.kb.commit.delta import UpdateDataset
 from rtask.kb.commit.trials.derivation import Trial
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.commit.writer import Writer
-from rtask.kb.readers.messages import ReceivedChange, decode_change
+from rtask.kb.readers.messages import decode_change
 from rtask.kb.readers.pool import Readers
 from rtask.kb.store.overlay import Overlay
-from rtask.rdf.terms import GraphName
+from rtask.rdf.terms import GraphName, NamedNode
 from rtask.sparql.templates import resolve
 from rtask.sparql.update_outline import read_update
 
@@ -93,6 +96,15 @@ class UpdateOrder:
         ).encode()
 
 
+class _Parsed(NamedTuple):
+    """A change that a reader computed."""
+
+    removed: list[Quad]
+    added: list[Quad]
+    created: list[NamedNode]
+    dropped: list[NamedNode]
+
+
 def commit_update(
     order: UpdateOrder,
     request: Request,
@@ -155,7 +167,7 @@ def _commit(
         _require_size(change, request, writer)
         if trial is not None:
             trial.catch_up()
-        overlay = writer.begin(_size(change))
+        overlay = writer.begin(len(change.added) + len(change.removed))
         now = last_seq()
         is_valid = now == seq or (reads and writer.recent.left_alone(reads, seq, now))
         if is_valid and is_current():
@@ -193,7 +205,7 @@ def _graphs_read(order: UpdateOrder) -> frozenset[GraphName]:
 
 def _change(
     order: UpdateOrder, payload: bytes, readers: Readers, deadline: float
-) -> tuple[ReceivedChange, Callable[[], bool]]:
+) -> tuple[_Parsed, Callable[[], bool]]:
     left = deadline - time.monotonic()
     try:
         data, is_current = readers.evaluate_update(
@@ -201,28 +213,23 @@ def _change(
         )
         received = decode_change(data)
         # Parsed now, since the lock is mostly taken later.
-        parsed = received._replace(removed=[*received.removed], added=[*received.added])
-        return parsed, is_current
+        removed, added = [*received.removed], [*received.added]
+        return _Parsed(removed, added, received.created, received.dropped), is_current
     except QueryTimeout as error:
         raise QueryTimeout(f"{error}; nothing was stored", **error.details) from None
 
 
-def _require_size(change: ReceivedChange, request: Request, writer: Writer) -> None:
-    added, removed = ([*quads] for quads in (change.added, change.removed))
-    writer.committer.check_size(len(added), len(removed), request.access)
+def _require_size(change: _Parsed, request: Request, writer: Writer) -> None:
+    writer.committer.check_size(len(change.added), len(change.removed), request.access)
 
 
-def _size(change: ReceivedChange) -> int:
-    return sum(len([*quads]) for quads in (change.added, change.removed))
-
-
-def _fill(overlay: Overlay, received: ReceivedChange) -> None:
+def _fill(overlay: Overlay, change: _Parsed) -> None:
     """Copy a change computed by a reader into an overlay of the same state."""
-    for graph in received.dropped:
+    for graph in change.dropped:
         overlay.dropped[graph] = None
-    for quad in received.removed:
+    for quad in change.removed:
         overlay.remove(quad)
-    for quad in received.added:
+    for quad in change.added:
         overlay.add(quad)
-    for graph in received.created:
+    for graph in change.created:
         overlay.create(graph)

@@ -222,7 +222,7 @@ class TrialDerivations:
             yield
         finally:
             with self._choosing:
-                self._authors[who] -= 1
+                self._authors -= Counter([who])  # which leaves out who has none
 
     def _take(self, who: str | None) -> bool:
         """Take a place if there is one for an author; tell whether it was taken."""
