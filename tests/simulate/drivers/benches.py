@@ -87,7 +87,10 @@ class Patience:
                 | "another begins as well"
             ):  # fmt: skip
                 return cls(spare_s=_IN_VAIN_S)
-            case "no end, and states that stop" | "no end, and joints get other names":
+            case (
+                "no end, and states that stop" | "no end, and joints get other names"
+                | "success, and the time jumps back"
+            ):  # fmt: skip
                 return cls(silent_s=_IN_VAIN_S, stopped_s=_IN_VAIN_S)
             case "no end, and it goes on when cancelled":
                 return cls(spare_s=_IN_VAIN_S, stopped_s=_IN_VAIN_S)
@@ -382,7 +385,7 @@ class NaoqiBench(Bench):
         self.words = []
 
     def arrange(self, state="good", end="good", is_timed=False, state_s=PATIENT_S):
-        Patience.of(end).apply()
+        replace(Patience.of(end), state_s=state_s).apply()
         self.words.clear()
         home = dict(zip(self.arm.joints, self.arm.home, strict=True))
         self.motion.forget()

@@ -146,7 +146,10 @@ def test_a_lost_link_is_told_and_a_second_connection_stops_the_arm(robot, motion
     robot[1].service("ALAutonomousLife").setState("solitary")
 
 
-def test_an_arm_whose_sensors_stand_still_or_that_moves_is_not_moved(arm, robot, motion):
+def test_an_arm_whose_sensors_stand_still_or_that_moves_is_not_moved(
+    arm, robot, motion, monkeypatch
+):
+    monkeypatch.setattr("simulate.drivers.naoqi._STATE_S", 0.4)  # to rest, for which it never comes
     memory = robot[1].service("ALMemory")
     memory.freeze(True)
     before = len(motion.told())
