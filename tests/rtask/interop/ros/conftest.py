@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import queue
@@ -205,6 +206,21 @@ def node(start_node: StartNode, ros_server: RunningServer) -> Iterator[Child]:
     with running(child):
         child.expect("ready /rtask_node")
         yield child
+
+
+@pytest.fixture(scope="session")
+def stamps() -> Iterator[float]:
+    return itertools.count(1000.0, 100.0)
+
+
+@pytest.fixture
+def stamp(stamps: Iterator[float]) -> float:
+    """Return a time later than any view of the tests before, in seconds.
+
+    A node keeps 10 s of transforms before the newest one: a test that showed views of an earlier
+    time than its predecessor would find the camera nowhere.
+    """
+    return next(stamps)
 
 
 @pytest.fixture(scope="module")

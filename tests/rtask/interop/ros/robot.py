@@ -326,10 +326,6 @@ class Robot:
         self.topics["clock"].publish(Clock(rospy.Time.from_sec(seconds)))
         return None
 
-    def parameter(self, name: str, value: Any) -> Any:
-        rospy.set_param(name, value)
-        return None
-
 
 def image_of(pixels: NDArray[Any], encoding: str) -> Any:
     """Return a sensor_msgs/Image."""

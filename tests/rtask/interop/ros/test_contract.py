@@ -23,47 +23,60 @@ from tests.servers import running_server
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
-def test_a_newer_goal_ends_its_predecessor(robot):
-    robot("show", stamp=700.0, tf_stamp=700.0)
+def test_a_newer_goal_ends_its_predecessor(robot, stamp):
+    robot("show", stamp=stamp, tf_stamp=stamp)
     goal = {"gripper_id": "hand"}
     robot.call("/rtask/register_robot", name="nao-1", model="nao", end_effectors=[HAND])
-    # For a view of second 800 the first would wait in vain for 5 s.
-    assert robot("see_newer", goal=goal, since=800.0, newer_since=700.0) == [PREEMPTED, SUCCEEDED]
+    # For a view of a later time the first would wait in vain for 5 s.
+    ends = robot("see_newer", goal=goal, since=stamp + 50.0, newer_since=stamp)
+    assert ends == [PREEMPTED, SUCCEEDED]
 
 
 def test_what_robot_description_and_tf_say_to_be_the_robot_is_no_object(
-    roscore, start_node, robot, ros_server
+    roscore, start_node, robot, ros_server, stamp
 ):
     Master(roscore.uri).ask("setParam", "/body/robot_description", urdf_of("bin"))
     child = start_node("ros", "node", "__ns:=/body", "--server", ros_server.url)
     with running(child):
         child.expect("ready /body/rtask_node")
         robot("place", link="bin", position=[0.0, 0.0, 2.0])
-        seen = robot("segment", stamp=710.0, tf_stamp=710.0, node="/body")
+        seen = robot("segment", stamp=stamp, tf_stamp=stamp, node="/body")
         assert sorted(round(p["y"], 2) for p in seen["positions"]) == [-0.09, 0.09]
         robot("place", link="bin", position=[0.27, 0.09, 0.31])
-        for stamp in range(711, 731):  # nothing tells when the node has the newer transform
-            seen = robot("segment", stamp=float(stamp), tf_stamp=float(stamp), node="/body")
+        for later in range(1, 21):  # nothing tells when the node has the newer transform
+            at = stamp + later
+            seen = robot("segment", stamp=at, tf_stamp=at, node="/body")
             if len(seen["positions"]) == 1:
                 break
         assert [round(p["y"], 2) for p in seen["positions"]] == [-0.09]
 
 
-def test_the_matrix_of_moveit_returns_with_what_the_hand_may_touch(start_node, robot, ros_server):
-    robot.call("/rtask/register_robot", name="nao-1", model="nao", end_effectors=[HAND])
+@pytest.fixture
+def ros_server_without_objects(tmp_path):
+    """A server to which no other test has taught the objects of the view."""
+    with running_server(tmp_path / "store") as server:
+        yield server
+
+
+def test_the_matrix_of_moveit_returns_with_what_the_hand_may_touch(
+    start_node, robot, ros_server_without_objects, stamp
+):
     matrix = {"entry_names": ["arm", "base"],
               "entry_values": [{"enabled": [False, True]}, {"enabled": [True, False]}]}  # fmt: skip
     child = start_node(
-        "ros", "node", "__ns:=/touch", "--server", ros_server.url, "--gripper", "hand",
+        "ros", "node", "__ns:=/touch", "--server", ros_server_without_objects.url,
+        "--gripper", "hand",
         "~points:=/camera/points", "_hand_links:=[l_finger, r_finger]", "_grasp_target:=unknown-1",
         "get_planning_scene:=/get_planning_scene",
     )  # fmt: skip
     with running(child):
         child.expect("ready /touch/rtask_node")
+        about = {"name": "nao-1", "model": "nao", "end_effectors": [HAND]}
+        robot.call("/touch/rtask/register_robot", **about)
         robot("move_group", scene={"allowed_collision_matrix": matrix})
         robot("listen", topic="/touch/rtask/planning_scene", type="moveit_msgs/PlanningScene")
-        robot("show", stamp=720.0, tf_stamp=720.0)
-        asked = {"goal": {"propose": True}, "since": 720.0, "node": "/touch"}
+        robot("show", stamp=stamp, tf_stamp=stamp)
+        asked = {"goal": {"propose": True}, "since": stamp, "node": "/touch"}
         seen = robot("see", **asked)
         assert seen["state"] == SUCCEEDED, seen["text"]
         robot("sample", name="unknown-1", node="/touch")
@@ -103,9 +116,9 @@ def test_a_token_comes_from_a_file_and_without_one_the_refusal_is_the_answer(
     assert "needs scope write" in answers[1]
 
 
-def test_what_is_where_is_latched_as_markers_with_names(robot, taught, gripper):  # noqa: F811
-    robot("show", stamp=730.0, tf_stamp=730.0)
-    seen = robot("see", goal={"gripper_id": gripper}, since=730.0)
+def test_what_is_where_is_latched_as_markers_with_names(robot, taught, gripper, stamp):  # noqa: F811
+    robot("show", stamp=stamp, tf_stamp=stamp)
+    seen = robot("see", goal={"gripper_id": gripper}, since=stamp)
     assert seen["state"] == SUCCEEDED, seen["text"]
     robot("listen", topic="/rtask/world", type="visualization_msgs/MarkerArray")
     names = set()
