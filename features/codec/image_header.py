@@ -15,8 +15,10 @@ __all__ = [
     "image_size",
     "is_cut_off",
     "is_deep_grey",
+    "is_grey_of_floats",
     "is_image",
     "orientation_of",
+    "stored_orientation",
     "transparent_grey",
 ]
 
@@ -28,6 +30,7 @@ _SOF_MARKERS = frozenset({0xC0, 0xC1, 0xC2})
 _STANDALONE = frozenset({0x01, *range(0xD0, 0xD9)})
 _MAX_TIFF_ENTRIES = 256
 _WIDTH, _HEIGHT, _BITS, _MEANING, _ORIENTATION, _SAMPLES = 256, 257, 258, 262, 274, 277
+_NUMBERS, _FLOATS = 339, 3
 _TIFF_RGB = 2
 _BMP_ALPHA_MASK = 66
 """Offset of the mask of alpha in headers of 56 bytes and more."""
@@ -96,6 +99,15 @@ def is_deep_grey(data: bytes) -> bool:
     return data[:4] in _TIFF and bits_of(data) == 16 and _tiff_number(data, _SAMPLES, 1) == 1
 
 
+def is_grey_of_floats(data: bytes) -> bool:
+    """Whether a TIFF has one number with decimals a pixel (SampleFormat 3): depth, mostly in m."""
+    return (
+        data[:4] in _TIFF
+        and _tiff_number(data, _NUMBERS, 1) == _FLOATS
+        and _tiff_number(data, _SAMPLES, 1) == 1
+    )
+
+
 def has_alpha(data: bytes) -> bool:
     """Whether a picture says that some of its pixels may be transparent; JPEG cannot."""
     if data.startswith(_PNG) and len(data) > 25:
@@ -129,6 +141,48 @@ def orientation_of(exif: bytes) -> int:
     """Return the orientation that EXIF data or a TIFF say, 1 to 8; 1 = upright, or not said."""
     orientation = _tiff_number(exif, _ORIENTATION, 1) if exif[:4] in _TIFF else 1
     return orientation if 1 <= orientation <= 8 else 1
+
+
+def stored_orientation(data: bytes) -> int:
+    """Return the orientation that a JPEG, PNG or TIFF says of itself; 1 = upright, or not said.
+
+    In the marker APP1 (Exif 2.3, 4.7.2), the chunk eXIf (PNG, third edition, 11.3.4.5), or the
+    directory of the TIFF.
+    """
+    if data[:4] in _TIFF:
+        return orientation_of(data)
+    if data.startswith(_PNG):
+        return orientation_of(_png_chunk(data, b"eXIf"))
+    return orientation_of(_jpeg_exif(data)) if data.startswith(_JPEG) else 1
+
+
+def _png_chunk(data: bytes, kind: bytes) -> bytes:
+    """Return what a chunk of a PNG holds; nothing where there is none."""
+    offset = len(_PNG)
+    while offset + 8 <= len(data):
+        length = int.from_bytes(data[offset : offset + 4], "big")
+        if data[offset + 4 : offset + 8] == kind:
+            return data[offset + 8 : offset + 8 + length]
+        offset += 12 + length
+    return b""
+
+
+def _jpeg_exif(data: bytes) -> bytes:
+    """Return the EXIF data of a JPEG, which begin as a TIFF does; nothing where there are none."""
+    offset = 2
+    while offset + 4 <= len(data) and data[offset] == 0xFF:
+        marker = data[offset + 1]
+        if marker in _SOF_MARKERS or marker == 0xDA:
+            break
+        if marker == 0xFF or marker in _STANDALONE:
+            offset += 1 if marker == 0xFF else 2
+            continue
+        length = int.from_bytes(data[offset + 2 : offset + 4], "big")
+        part = data[offset + 4 : offset + 2 + length]
+        if marker == 0xE1 and part.startswith(b"Exif\0\0"):
+            return part[6:]
+        offset += 2 + length
+    return b""
 
 
 def _is_webp(data: bytes) -> bool:

@@ -43,6 +43,8 @@ _MAX_GRID_ERROR_PX = 0.75
 _MIN_GRID_POINTS = 50
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 _SAME_RAYS = 0.02
+_MAX_SKEW = 0.002
+"""Of the focal length: half a pixel at the border of most pictures."""
 _NARROWEST_DEG, _WIDEST_DEG = 0.5, 170.0
 FISHEYE = "equidistant"
 """Distortion model of a fisheye lens, as ROS names it (Kannala and Brandt 2006, k1 to k4)."""
@@ -120,6 +122,7 @@ def lens_from_message(message: Mapping[str, Any], is_rectified: bool = False) ->
             k = np.asarray(matrix, np.float64).ravel()
             if k.shape != (9,):
                 raise ValueError(f"k must have 9 numbers, got {len(k)}")
+            _check_matrix(k)
             numbers = [float(k[place]) for place in (0, 4, 2, 5)]
         else:
             numbers = [float(message[name]) for name in ("fx", "fy", "cx", "cy")]
@@ -143,6 +146,19 @@ def lens_from_message(message: Mapping[str, Any], is_rectified: bool = False) ->
     if any(coefficients) and model not in ("plumb_bob", "rational_polynomial", ""):
         raise ValueError(f"distortion_model {model!r} is not known; undistort the images first")
     return Lens(camera, coefficients)
+
+
+def _check_matrix(k: Float64Array) -> None:
+    """Refuse a K (9,) that is no (fx, 0, cx; 0, fy, cy; 0, 0, 1) row by row.
+
+    Its other numbers would be passed over: column by column the centre is (0, 0), and sensors with
+    a skew have places that this model does not give.
+    """
+    rest = np.abs(k[[1, 3, 6, 7]])
+    if (rest > _MAX_SKEW * abs(k[0])).any() or k[8] not in (0, 1):
+        raise ValueError(
+            f"k must be fx 0 cx 0 fy cy 0 0 1, row by row, got {' '.join(f'{n:g}' for n in k)}"
+        )
 
 
 def _check_view(camera: Intrinsics) -> None:

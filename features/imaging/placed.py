@@ -19,7 +19,7 @@ from features.geometry import Float64Array, FloatArray, Intrinsics, transform
 from features.imaging.camera import camera_of_grid
 from features.imaging.doubts import doubtful_frame, implausible_middle
 
-__all__ = ["camera_of_placed_grid", "in_camera_frame", "on_pixels"]
+__all__ = ["camera_of_placed_grid", "in_camera_frame", "in_sensor_frame", "on_pixels"]
 
 _MIN_POINTS, _MAX_FITTED = 200, 2_000
 _MAX_ERROR_PX = 0.75
@@ -29,6 +29,7 @@ _SLOPE_DIGITS, _MAX_OFF_PX = 5, 0.15
 _SMALL_STEP, _IN_ORDER = 0.1, 0.9
 _MAX_EMPTY = 12
 """Pixels for each point: a cloud of one thing leaves most of its image empty."""
+_BEHIND_SENSOR = 0.01
 _MAX_SKEW, _MAX_STRETCH = 0.01, 0.05
 """Of a pixel, as shares of the focal length: sensors have square ones."""
 
@@ -53,7 +54,7 @@ def in_camera_frame(cloud: Cloud) -> tuple[Cloud, str]:
         return _from_viewpoint(cloud, _inverse(cloud.viewpoint))
     pinhole = _pinhole_of_grid(cloud.grid()[0]) if cloud.is_organised else None
     if pinhole is None:
-        return _with_sides_exchanged(cloud) or _of_drawing(cloud)
+        return _with_sides_exchanged(cloud) or _in_other_rows(cloud) or _of_drawing(cloud)
     if pinhole.is_mirrored:
         return cloud, (
             "its rows and columns show a mirror image: does one of its axes, or the order of its "
@@ -78,6 +79,21 @@ def _with_sides_exchanged(cloud: Cloud) -> tuple[Cloud, str] | None:
     return exchanged, (
         f"its rows are those of a camera only if they are {width} wide and {height} high: height "
         "and width are taken to be exchanged"
+    )
+
+
+def _in_other_rows(cloud: Cloud) -> tuple[Cloud, str] | None:
+    """Return a cloud, and that its rows are cut elsewhere than those of its camera, if they are."""
+    if not cloud.is_organised:
+        return None
+    laid = on_pixels(replace(cloud, shape=(), places=None))
+    if laid is None or camera_of_grid(laid.grid()[0]) is None:
+        return None
+    height, width = laid.shape
+    return cloud, (
+        f"it says {cloud.shape[1]} wide and {cloud.shape[0]} high, but its points lie on the "
+        f"pixels of a camera, {width} wide and {height} high as far as they reach: are its rows "
+        "cut elsewhere?"
     )
 
 
@@ -142,6 +158,28 @@ def _from_viewpoint(cloud: Cloud, camera_from_cloud: Float64Array) -> tuple[Clou
             "which VIEWPOINT is given, and read in that of the camera"
         )
     return seen, doubt
+
+
+def in_sensor_frame(cloud: Cloud) -> Cloud:
+    """Return the points of one object, from a PCD with VIEWPOINT, in the frame of its sensor.
+
+    As the format has it, unless they lie behind the sensor so and before it where they are placed
+    already. One object alone shows no more: a cup is as hollow as a table that is seen from below.
+
+    Raises
+    ------
+    ValueError
+        The cloud has no viewpoint.
+    """
+    if cloud.viewpoint is None:
+        raise ValueError("the cloud has no viewpoint")
+    camera_from_cloud = _inverse(cloud.viewpoint)
+    seen = _moved(cloud, camera_from_cloud)
+    if len(seen) and (seen.positions[:, 2] < 0).mean() > _BEHIND_SENSOR:
+        already = _moved(seen, camera_from_cloud)
+        if not (already.positions[:, 2] < 0).any():
+            return already
+    return seen
 
 
 def _inverse(pose: Float64Array) -> Float64Array:

@@ -156,7 +156,8 @@ def export(
                 described = "" if urdf is None else urdf.read_text("utf-8")
                 written = write_episodes(kb, recorded, out, working.tell, described)
     if as_json:
-        print_json({"path": str(out), **asdict(written)})
+        made = {key: value for key, value in asdict(written).items() if key != "doubts"}
+        print_json({"path": str(out), **made})
         return
     click.echo(
         f"{out}: {written.episodes} episodes, {written.pictures} pictures, {written.views} views, "
@@ -193,8 +194,10 @@ def import_episodes(file: Path, data: Path, agent: str | None, as_json: bool) ->
     counted = ("episodes", "statements", "blobs")
     counts = {key: value for key, value in asdict(read).items() if key in counted}
     if as_json:
-        print_json({"path": str(file), **counts})
+        print_json({"path": str(file), **counts, "doubts": read.doubts})
         return
+    for doubt in read.doubts:
+        click.echo(f"{file}: {doubt}", err=True)
     click.echo(f"{read.episodes} episodes, {read.statements} statements, {read.blobs} binary data")
     if commit != before:
         announce_undo("undo", str(commit))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import click
 
 from rtask.cli.options import json_option, print_json
 from rtask.cli.perception.camera_estimate import estimate
-from rtask.cli.perception.scene_file import View, camera_options, read_scene
+from rtask.cli.perception.scene_file import read_scene
+from rtask.cli.perception.view_options import View, camera_options
 from rtask.errors import DataError, UsageError
 
 __all__ = ["camera"]
@@ -85,7 +86,8 @@ def _check(
     from features.geometry import Frame
     from features.imaging.calibration import check_board, registration_shift
 
-    seen = read_scene(file, view)
+    # A board is as large in the picture as the focal length makes it: a guess measures nothing.
+    seen = read_scene(file, replace(view, is_kept=board is not None))
     if not isinstance(seen, Frame):
         raise UsageError(f"{file} is a cloud; the calibration shows in images of depth and colour")
     output: dict[str, object] = {}

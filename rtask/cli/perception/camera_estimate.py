@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtask.cli.options import print_json
-from rtask.cli.perception.scene_file import View, read_cameras, read_image
+from rtask.cli.perception.scene_file import read_depth, read_image
+from rtask.cli.perception.view_options import View, read_cameras
 from rtask.errors import DataError, UsageError
 
 if TYPE_CHECKING:
@@ -57,7 +58,10 @@ def estimate(
         place, lens = None, None
         if depths is not None:
             images = [_depth(depths, file, view) for file in files]
-            lens = read_cameras(images[0].shape, view).depth
+            cameras = read_cameras(images[0].shape, view)
+            for note in cameras.notes:
+                click.echo(f"{depths}: {note}", err=True)
+            lens = cameras.depth
             place = estimate_place(estimated.poses, pattern, images, lens)
     except ValueError as error:
         raise DataError(f"{files[0].parent}: {error}") from error
@@ -104,18 +108,13 @@ def _grey(file: Path) -> NDArray[np.uint8]:
 
 def _depth(folder: Path, file: Path, view: View) -> NDArray[np.float32]:
     """Return the depth, m, of the image of the same name in a folder, whatever its suffix."""
-    import numpy as np
-
     from features.codec.limits import Limits
-    from features.depth import depth_of_steps
 
     beside = sorted(path for path in folder.iterdir() if path.stem == file.stem)
     if len(beside) != 1:
         raise ValueError(f"{len(beside)} files named {file.stem} in {folder}; one is expected")
     image = read_image(beside[0], _bytes(beside[0]), Limits())
-    if image.dtype != np.uint16 or image.ndim != 2:
-        raise ValueError(f"{beside[0].name} is no depth image of 16 bits")
-    return depth_of_steps(image, view.depth_unit_m)
+    return read_depth(beside[0], image, view.depth_unit_m)
 
 
 def _bytes(file: Path) -> bytes:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rtask.cli.perception.scene_file import View, is_recording
+from rtask.cli.perception.scene_file import is_recording
+from rtask.cli.perception.view_options import View
 from rtask.errors import DataError, UsageError
 
 if TYPE_CHECKING:

@@ -18,8 +18,9 @@ from rtask.cli.options import (
     server_option,
 )
 from rtask.cli.perception.cutting import segmentation_option
-from rtask.cli.perception.scene_file import View, camera_options, save_picture
+from rtask.cli.perception.scene_file import save_picture
 from rtask.cli.perception.selecting import selection_options
+from rtask.cli.perception.view_options import View, camera_options
 from rtask.cli.progress import Working, announce_compilation
 from rtask.engine.words import contradiction_words
 from rtask.errors import UsageError

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import logging
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.errors import DataError, TooLargeError, UsageError
+from rtask.cli.perception.view_options import OPTIONS, Cameras, View, bytes_of, read_cameras
+from rtask.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,168 +16,21 @@ if TYPE_CHECKING:
 
     from features.codec.limits import Limits
     from features.codec.types import Cloud
-    from features.geometry import Frame, Intrinsics
-    from features.imaging.camera import Lens
+    from features.geometry import Frame
     from features.imaging.photo import Photo
 
 __all__ = [
-    "View",
-    "camera_options",
     "is_recording",
-    "read_cameras",
+    "read_depth",
     "read_image",
     "read_scene",
     "read_view",
     "save_picture",
 ]
 
-log = logging.getLogger(__name__)
-
 _DEPTH_BITS = 16
 _RECORDINGS = (".bag", ".mcap", ".db3")
-_DEFAULT_FOCAL = 525.0 / 640
 _STORED_BYTES = 256 * 2**20
-_OPTIONS = {
-    "--colour": "colour",
-    "--depth-unit": "depth_unit_m",
-    "--focal": "focal",
-    "--focal-y": "focal_y",
-    "--centre": "centre",
-    "--distortion": "distortion",
-    "--camera": "camera",
-    "--at": "at_s",
-    "--frame": "frame",
-}
-
-
-@dataclass(frozen=True)
-class View:
-    """The settings for reading a picture.
-
-    Parameters
-    ----------
-    colour
-        Colour image that belongs to the depth image.
-    depth_unit_m
-        Metres of one step of depth.
-    focal, focal_y, centre
-        In pixels; None for those of a common depth camera at the image's size.
-    distortion
-        Coefficients of the lens.
-    camera
-        JSON that says all this, instead of the numbers.
-    at_s
-        Of a recording: which frame, s after its start.
-    frame
-        Of a recording: frame of the robot with z up for places; empty = a usual base.
-    """
-
-    colour: Path | None = None
-    depth_unit_m: float = 0.001
-    focal: float | None = None
-    focal_y: float | None = None
-    centre: tuple[float, float] | None = None
-    distortion: tuple[float, ...] = ()
-    camera: Path | None = None
-    at_s: float = 0.0
-    frame: str = ""
-
-    @property
-    def given(self) -> tuple[str, ...]:
-        """The options that differ from their defaults, as they are written."""
-        usual = View()
-        return tuple(
-            name
-            for name, field_name in _OPTIONS.items()
-            if repr(getattr(self, field_name)) != repr(getattr(usual, field_name))
-        )
-
-
-@dataclass(frozen=True)
-class Cameras:
-    """Cameras of a pair of images, and where they stand.
-
-    Parameters
-    ----------
-    colour
-        None = the camera of depth.
-    colour_from_depth : (4, 4) or None
-    """
-
-    depth: Lens
-    colour: Lens | None = None
-    colour_from_depth: NDArray[np.float64] | None = field(default=None, compare=False)
-
-
-def _coefficients(
-    context: click.Context, option: click.Parameter, text: str | None
-) -> tuple[float, ...]:
-    try:
-        return tuple(float(word) for word in (text or "").replace(",", " ").split())
-    except ValueError:
-        raise click.BadParameter(f"{text!r}: numbers with commas between are expected") from None
-
-
-def camera_options(command: Any) -> Any:
-    """Add the options of :class:`View` to a command, which gets them as ``view``."""
-    import functools
-
-    @functools.wraps(command)
-    def with_view(
-        *args: Any,
-        colour: Path | None,
-        depth_unit: float,
-        focal: float | None,
-        focal_y: float | None,
-        centre: tuple[float, float] | None,
-        distortion: tuple[float, ...],
-        camera: Path | None,
-        at_s: float,
-        base_frame: str,
-        **rest: Any,
-    ) -> Any:
-        view = View(
-            colour, depth_unit, focal, focal_y, centre, distortion, camera, at_s, base_frame
-        )
-        return command(*args, view=view, **rest)
-
-    wrapped: Any = with_view
-    file = click.Path(exists=True, dir_okay=False, path_type=Path)
-    for option in (
-        click.option(
-            "--at", "at_s", type=click.FloatRange(min=0), default=0.0, metavar="S",
-            help="Of a recording: the frame at this time after its start, s.",
-        ),
-        click.option(
-            "--frame", "base_frame", default="", metavar="NAME",
-            help="Of a recording: frame of the robot with z up, in which its TF says where the "
-            "camera was.  [default: base_footprint or base_link]",
-        ),
-        click.option(
-            "--camera", type=file,
-            help="JSON of the camera in place of the numbers: a sensor_msgs/CameraInfo, or {depth, "
-            "colour, colour_from_depth} where colour has its own.",
-        ),
-        click.option(
-            "--distortion", callback=_coefficients, metavar="K1,K2,P1,P2,...",
-            help="Distortion of the lens, as OpenCV and ROS order it.",
-        ),
-        click.option(
-            "--centre", nargs=2, type=float, help="Principal point, px.  [default: the middle]"
-        ),
-        click.option("--focal-y", type=float, help="Focal length down, px.  [default: as across]"),
-        click.option("--focal", type=float, help="Focal length, px.  [default: 525 at 640 px]"),
-        click.option(
-            "--depth-unit", type=float, default=0.001, show_default=True,
-            help="Size of one depth step, m.",
-        ),
-        click.option(
-            "--colour", type=file,
-            help="Colour image that belongs to the depth image FILE; of any resolution.",
-        ),
-    ):  # fmt: skip
-        wrapped = option(wrapped)
-    return wrapped
 
 
 def read_scene(file: Path, view: View) -> Frame | Cloud:
@@ -232,7 +83,7 @@ def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
         return _recorded(file, view)
     # A local file may be larger than what a robot may send, but not what it unpacks to.
     limits = Limits(stored_bytes=_STORED_BYTES)
-    data = _bytes_of(file, limits.stored_bytes)
+    data = bytes_of(file, limits.stored_bytes)
     try:
         if is_image(data):
             return _picture(file, data, view, limits)
@@ -253,8 +104,21 @@ def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
     return seen
 
 
-def _say_doubt(file: Path, doubt: str) -> None:
-    """Say on the error output what of a file is doubtful, or was taken for something, if any."""
+def _say_doubt(file: Path, doubt: str, *, is_once: bool = False) -> None:
+    """Say on the error output what of a file is doubtful, or was taken for something, if any.
+
+    Parameters
+    ----------
+    is_once
+        Whether it is said of the first file of a command only, as what no option says is the same
+        of all.
+    """
+    context = click.get_current_context(silent=True)
+    if is_once and context is not None:
+        before = context.meta.setdefault(f"{__name__}.said", set())
+        if doubt in before:
+            return
+        before.add(doubt)
     if doubt:
         click.echo(f"{file}: {doubt}", err=True)
 
@@ -278,71 +142,119 @@ def _recorded(file: Path, view: View) -> Frame | Cloud | Photo:
         raise DataError(f"{file}: {error}") from error
 
 
-def _bytes_of(file: Path, most: int) -> bytes:
-    try:
-        size = file.stat().st_size
-        if size > most:
-            raise TooLargeError(f"{file}: {size} bytes; at most {most} are read")
-        return file.read_bytes()
-    except OSError as error:
-        raise UsageError(f"{file}: {error.strerror}") from error
-
-
 def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Photo:
     """Read a depth image, with its colour image if there is one; or a photograph."""
-    import numpy as np
-
-    from features.codec.image_header import bits_of, is_cut_off
-    from features.depth import depth_of_steps
-    from features.imaging.doubts import (
-        doubtful_distortion,
-        doubtful_inverse,
-        doubtful_rays,
-        doubtful_steps,
-        implausible_depth,
-    )
+    from features.codec.image_header import bits_of, is_cut_off, is_grey_of_floats
+    from features.imaging.doubts import doubtful_distortion, doubtful_inverse, doubtful_rays
     from features.imaging.photo import read_photo
 
     if is_cut_off(data):
         raise DataError(f"{file}: the PNG is cut off")
-    if bits_of(data) != _DEPTH_BITS:
+    if bits_of(data) != _DEPTH_BITS and not is_grey_of_floats(data):
         if view.colour is not None:
             kind = "an image of 8 bits"
             raise UsageError(f"{file} is {kind}; FILE must be a 16-bit depth image beside --colour")
         _allow(file, "a photograph, read without a camera", view, ())
         return read_photo(data)
-    _allow(file, "a depth image", view, tuple(name for name in _OPTIONS if name != "--at"))
-    depth = read_image(file, data, limits)
-    if depth.ndim == 3 or depth.dtype != np.uint16:
-        raise UsageError(f"{file} is a colour image of 16 bits; save it with 8 bits a channel")
-    if not 1e-6 <= view.depth_unit_m <= 1.0:
-        raise UsageError(f"--depth-unit {view.depth_unit_m} m: expected 0.000001 to 1")
-    depth_m = depth_of_steps(depth, view.depth_unit_m, lambda text: _say_doubt(file, text))
-    # Who names the unit knows it.
-    is_usual = view.depth_unit_m == View().depth_unit_m
-    doubt = doubtful_steps(depth) if is_usual else ""
-    _say_doubt(file, implausible_depth(depth_m) or (doubt and f"{doubt} --depth-unit says it"))
-    seen = _with_colour(depth_m, view, read_cameras(depth.shape, view), limits)
+    _allow(file, "a depth image", view, tuple(name for name in OPTIONS if name != "--at"))
+    image = read_image(file, data, limits)
+    try:
+        cameras = read_cameras(image.shape, view)
+    except UsageError as error:
+        # Several files may be read with one set of options: which one lacks a camera matters.
+        raise UsageError(f"{file}: {error}") from error
+    for note in cameras.notes:
+        _say_doubt(file, note, is_once=True)
+    depth_m = read_depth(file, image, view.depth_unit_m)
+    seen = _with_colour(file, data, depth_m, view, cameras, limits)
     doubt = doubtful_distortion(depth_m, seen.depth_m) or doubtful_inverse(depth_m)
     doubt = doubt or doubtful_rays(seen.depth_m, seen.intrinsics)
     _say_doubt(file, doubt)
     return seen
 
 
+def read_depth(file: Path, image: NDArray[Any], unit_m: float | None = None) -> NDArray[np.float32]:
+    """Return the depth (h, w), m, of the numbers of an image; what is doubtful of them is said.
+
+    Parameters
+    ----------
+    image
+        As :func:`read_image` returns it: whole numbers of 16 bits, or numbers with decimals (TIFF).
+    unit_m
+        Of one of them, m; None = millimetres, or metres where they have decimals (REP 118).
+
+    Raises
+    ------
+    UsageError
+        It is no depth image, or the unit is none.
+    """
+    import numpy as np
+
+    from features.depth import depth_of_metres, depth_of_steps
+    from features.imaging.doubts import doubtful_steps, implausible_depth
+
+    if image.ndim == 3:
+        raise UsageError(f"{file} is a colour image of 16 bits; save it with 8 bits a channel")
+    if image.dtype not in (np.uint16, np.int16, np.float32, np.float64):
+        raise UsageError(f"{file} has numbers of the type {image.dtype}, and is no depth image")
+    if unit_m is not None and not 1e-6 <= unit_m <= 1.0:
+        raise UsageError(f"--depth-unit {unit_m} m: expected 0.000001 to 1")
+
+    def say(text: str) -> None:
+        _say_doubt(file, text)
+
+    doubt = ""
+    if image.dtype.kind == "f":
+        depth_m = depth_of_metres(image * (1.0 if unit_m is None else unit_m), say)
+        step = "its numbers have decimals, and nothing says their unit: metres are taken"
+    else:
+        # The largest signed number is no more a measurement than the largest of 16 bits.
+        steps = (
+            np.where(image == np.iinfo(np.int16).max, 0, image)
+            if image.dtype.kind == "i"
+            else image
+        )
+        depth_m = depth_of_steps(steps, 0.001 if unit_m is None else unit_m, say)
+        # Who names the unit knows it.
+        doubt = doubtful_steps(steps) if unit_m is None else ""
+        step = "nothing says the unit of its depth: steps of 1 mm are taken"
+    doubt = implausible_depth(depth_m) or doubt
+    if unit_m is not None:
+        say(doubt)
+    elif doubt:
+        say(f"{doubt} --depth-unit says it")
+    else:
+        _say_doubt(file, f"{step}; --depth-unit says it", is_once=True)
+    return depth_m
+
+
 def _with_colour(
-    depth_m: NDArray[np.float32], view: View, cameras: Cameras, limits: Limits
+    file: Path,
+    data: bytes,
+    depth_m: NDArray[np.float32],
+    view: View,
+    cameras: Cameras,
+    limits: Limits,
 ) -> Frame:
     import numpy as np
 
+    from features.codec.image_header import stored_orientation
     from features.geometry import Frame
     from features.imaging.camera import align_colour, undistorted
 
     _, straight = undistorted(cameras.depth, None, depth_m)
     assert straight is not None
     camera = cameras.depth.intrinsics
+    turned = stored_orientation(data)
     if view.colour is None:
+        _say_doubt(file, _turn(turned))
         return Frame(straight, camera)
-    rgb = read_image(view.colour, _bytes_of(view.colour, limits.stored_bytes), limits)
+    coded = bytes_of(view.colour, limits.stored_bytes)
+    rgb = read_image(view.colour, coded, limits)
+    if stored_orientation(coded) != turned:
+        # As cameras write them: their numbers describe the sensor, however it was held.
+        _say_doubt(file, _turn(turned))
+        _say_doubt(view.colour, _turn(stored_orientation(coded)))
     if rgb.ndim == 2:
         rgb = np.repeat(rgb[..., None], 3, axis=2)
     if rgb.dtype != np.uint8:
@@ -366,6 +278,16 @@ def _with_colour(
         return align_colour(straight, camera, pixels, lens.intrinsics, pose)
     except ValueError as error:
         raise UsageError(f"{view.colour}: {error}") from error
+
+
+def _turn(orientation: int) -> str:
+    """Return what is done about the orientation that EXIF gives a picture of a depth camera."""
+    if orientation == 1:
+        return ""
+    return (
+        f"its EXIF says that it is to be turned (orientation {orientation}): taken as it is "
+        "stored, as the numbers of a camera mean it"
+    )
 
 
 def read_image(file: Path, data: bytes, limits: Limits) -> NDArray[Any]:
@@ -395,66 +317,6 @@ def read_image(file: Path, data: bytes, limits: Limits) -> NDArray[Any]:
     if image is None:
         raise DataError(f"{file}: the image does not decode")
     return np.asarray(image)
-
-
-def read_cameras(shape: tuple[int, ...], view: View) -> Cameras:
-    """Return the cameras of the options, or of the file that describes them.
-
-    Raises
-    ------
-    UsageError
-        They describe no camera, or one of another size than the image (h, w, ...).
-    """
-    import numpy as np
-
-    from features.imaging.camera import Lens, lens_from_message
-
-    if view.camera is None:
-        try:
-            return Cameras(Lens(_camera(shape, view), view.distortion))
-        except ValueError as error:
-            raise UsageError(f"--distortion: {error}") from error
-    try:
-        try:
-            fields = json.loads(_bytes_of(view.camera, 2**20))
-        except ValueError as error:
-            raise ValueError(f"no JSON: {error}") from error
-        if not isinstance(fields, dict):
-            raise ValueError("a JSON object is expected")
-        depth = lens_from_message(fields.get("depth", fields))
-        colour = lens_from_message(fields["colour"]) if "colour" in fields else None
-        pose = np.array(fields.get("colour_from_depth", np.eye(4)), np.float64)
-        if pose.shape != (4, 4) or not np.isfinite(pose).all():
-            raise ValueError(f"colour_from_depth must be a transform (4, 4), got {pose.shape}")
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise UsageError(f"{view.camera}: {error}") from error
-    if (depth.intrinsics.height, depth.intrinsics.width) != shape[:2]:
-        raise UsageError(
-            f"{view.camera}: the camera has {depth.intrinsics.width}x{depth.intrinsics.height} px, "
-            f"the image {shape[1]}x{shape[0]}"
-        )
-    return Cameras(depth, colour, pose)
-
-
-def _camera(shape: tuple[int, ...], view: View) -> Intrinsics:
-    from features.geometry import Intrinsics
-
-    height, width = shape[:2]
-    focal = _DEFAULT_FOCAL * width if view.focal is None else view.focal
-    focal_y = focal if view.focal_y is None else view.focal_y
-    centre = ((width - 1) / 2, (height - 1) / 2) if view.centre is None else view.centre
-    try:
-        camera = Intrinsics(width, height, focal, focal_y, *centre)
-    except ValueError as error:
-        raise UsageError(str(error)) from error
-    inside = 0 <= camera.cx < width and 0 <= camera.cy < height
-    usual = all(0.1 < value / max(width, height) < 20 for value in (focal, focal_y))
-    if not inside or not usual:
-        raise UsageError(
-            f"focal {focal:g} px and centre ({camera.cx:g}, {camera.cy:g}) px cannot belong to an "
-            f"image of {width}x{height} px"
-        )
-    return camera
 
 
 def save_picture(file: Path, image: NDArray[np.uint8]) -> None:

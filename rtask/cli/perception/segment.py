@@ -12,7 +12,8 @@ import click
 from rtask.cli.options import exit_if_empty, json_option, print_json
 from rtask.cli.perception.cutting import segmentation_option
 from rtask.cli.perception.posed import Posed, posed_view
-from rtask.cli.perception.scene_file import View, camera_options, read_scene, save_picture
+from rtask.cli.perception.scene_file import read_scene, save_picture
+from rtask.cli.perception.view_options import View, camera_options
 from rtask.cli.progress import announce_compilation
 from rtask.engine.perception.cutting import cut, cut_in_base, cut_together
 from rtask.errors import DataError, UsageError

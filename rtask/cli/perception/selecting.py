@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtask.cli.perception.posed import Posed, posed_view
-from rtask.cli.perception.scene_file import View, read_view
+from rtask.cli.perception.scene_file import read_view
+from rtask.cli.perception.view_options import View
 from rtask.engine.perception.cutting import cut, cut_in_base
 from rtask.errors import DataError, UsageError
 

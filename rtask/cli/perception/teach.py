@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +19,8 @@ from rtask.cli.options import (
     server_option,
 )
 from rtask.cli.perception.cutting import segmentation_option
-from rtask.cli.perception.scene_file import View, camera_options
 from rtask.cli.perception.selecting import selection_options
+from rtask.cli.perception.view_options import View, camera_options
 from rtask.cli.progress import Working, announce_compilation
 from rtask.cli.things import find_object
 from rtask.errors import UnknownTermError, UsageError
@@ -165,7 +165,8 @@ def _shown(
     from features.codec import encode_frame
     from rtask.cli.perception.selecting import Selection, objects_in
 
-    _, crops = objects_in(file, view, preset, Selection(mask, box))
+    # What is taught is stored with its sizes, and a later view of another size is refused for them.
+    _, crops = objects_in(file, replace(view, is_kept=True), preset, Selection(mask, box))
     if len(crops) != 1:
         raise UsageError(
             f"{file} shows {len(crops) or 'no'} objects; say which one by --box or --mask"

@@ -18,7 +18,23 @@ if TYPE_CHECKING:
     from features.perception import Seen
     from features.segmentation import Scene, SegmentedObject, SegmentParams, SeveralViews
 
-__all__ = ["cut", "cut_in_base", "cut_together", "refuse_doubtful"]
+__all__ = ["as_seen", "cut", "cut_in_base", "cut_together", "refuse_doubtful"]
+
+
+def as_seen(seen: Frame | Cloud) -> tuple[Frame | Cloud, tuple[str, ...]]:
+    """Return a view in the frame of its camera, and what was done for it or remains doubtful.
+
+    A client sends clouds from any program, as files come from any: they are read by one rule.
+    """
+    from features.geometry import Frame
+    from features.imaging.doubts import implausible_cloud, implausible_depth
+    from features.imaging.placed import in_camera_frame
+
+    if isinstance(seen, Frame):
+        return seen, tuple(filter(None, [implausible_depth(seen.depth_m)]))
+    doubt = implausible_cloud(seen.positions)
+    moved, note = in_camera_frame(seen)
+    return moved, tuple(filter(None, [doubt, note]))
 
 
 def cut(seen: Frame | Cloud, preset: str = "auto", min_points: int | None = None) -> Scene:

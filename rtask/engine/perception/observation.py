@@ -26,6 +26,7 @@ from rtask.wire.message import Message
 from rtask.wire.types import Box, Cloud, Image, Mask, Number, Pose, Stamp, Text, Unit, Whole
 
 if TYPE_CHECKING:
+    from features.codec.types import Cloud as DecodedCloud
     from features.geometry import Frame
     from features.tabletop import TabletopShape
     from rtask.kb.core import GraphCore
@@ -198,11 +199,35 @@ def _decoded(request: OptionalLook) -> _Sight:
     decoded = decode(request.data)
     if isinstance(decoded, Frame):
         return _Sight(decoded, np.eye(4), decoded.frame_id, is_optical=True)
+    if decoded.viewpoint is not None:
+        return _from_viewpoint(decoded, is_posed=request.sensor_pose is not None)
     grid = frame_of_grid(decoded)
     if grid is not None:
         return _Sight(grid, np.eye(4), decoded.frame_id, is_optical=True)
     frame, cloud_from_camera = frame_of_cloud(decoded.points(), decoded.colours)
     return _Sight(frame, cloud_from_camera, decoded.frame_id, is_optical=False, is_rendered=True)
+
+
+def _from_viewpoint(cloud: DecodedCloud, is_posed: bool) -> _Sight:
+    """Return what the sensor of a PCD saw, whose place VIEWPOINT and the request may both say.
+
+    The pose in the request is that of the sensor, so that its points are taken in the sensor's
+    frame: placed by both, a thing would lie twice as far off.
+    """
+    from features.imaging.camera import frame_of_grid
+    from features.imaging.placed import in_sensor_frame
+
+    assert cloud.viewpoint is not None
+    source_from_sensor = np.eye(4) if is_posed else np.asarray(cloud.viewpoint, np.float64)
+    seen = in_sensor_frame(cloud)
+    grid = frame_of_grid(seen)
+    if grid is not None:
+        return _Sight(grid, source_from_sensor, cloud.frame_id, is_optical=is_posed)
+    frame, sensor_from_camera = frame_of_cloud(seen.points(), seen.colours)
+    return _Sight(
+        frame, source_from_sensor @ sensor_from_camera, cloud.frame_id, is_optical=is_posed,
+        is_rendered=True,
+    )  # fmt: skip
 
 
 def _with_parts(sight: _Sight, request: OptionalLook) -> tuple[Frame, bool]:

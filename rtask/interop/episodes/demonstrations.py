@@ -36,6 +36,8 @@ __all__ = ["is_dataset", "read_demonstrations"]
 
 _INFO, _TASKS = "meta/info.json", "meta/tasks.parquet"
 _STATE, _ACTION, _SUCCESS = "observation.state", "action", "next.success"
+_MAX_ANGLE_RAD = 4 * np.pi
+"""Two turns either way: no joint of an arm goes farther, and in m none of a gripper does."""
 _NEEDED = (_STATE, _ACTION, "timestamp", "episode_index", "task_index")
 
 
@@ -97,6 +99,13 @@ def read_demonstrations(kb: GraphCore, folder: Path, access: Access | None = Non
                     written.statements += 1
 
         for shown in _demonstrations(folder, info):
+            # No data set says the unit of its joints: LeRobot's own arms record shares of a range.
+            largest = float(np.abs(shown.motion.positions).max(initial=0))
+            if largest > _MAX_ANGLE_RAD and not written.doubts:
+                written.doubts.append(
+                    f"its joints go to {largest:.4g}, read as rad or m: are they in degrees, or "
+                    "shares of their range? Only robots of the same type should repeat them"
+                )
             data = shown.motion.to_bytes()
             key = hashlib.sha256(f"{name}\0{shown.number}\0{shown.task}\0".encode() + data)
             node = f"{kb.base}import/{name}/{shown.number}-{key.hexdigest()[:12]}"

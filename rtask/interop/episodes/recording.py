@@ -48,6 +48,8 @@ class Written:
     ----------
     episodes, statements, blobs, pictures, views, motions
         Views are depth with colour, as the robot saw the object; motions its joints over time.
+    doubts
+        Of what was read, such as the unit of joints.
     """
 
     episodes: int = 0
@@ -56,6 +58,7 @@ class Written:
     pictures: int = 0
     views: int = 0
     motions: int = 0
+    doubts: list[str] = field(default_factory=list)
 
 
 class _Sink(Protocol):

@@ -16,7 +16,8 @@ from features.codec import decode
 from features.codec.limits import Limits
 from features.codec.ros import image_bytes, pcd_from_point_cloud
 from features.geometry import Frame
-from features.imaging.camera import frame_of_grid, lens_from_message
+from features.imaging.camera import frame_of_grid, lens_from_message, lens_of_size
+from features.imaging.described import stamp_of
 from features.imaging.doubts import (
     doubtful_bytes,
     doubtful_camera,
@@ -27,7 +28,7 @@ from features.imaging.doubts import (
     upright_frame,
 )
 from features.imaging.photo import read_photo
-from features.imaging.pictures import depth_of_message, view_of_images
+from features.imaging.pictures import PAIRED_S, depth_of_message, view_of_images
 from rtask.errors import DataError, UsageError
 from rtask.interop.ros.convert import bytes_like, make_message, raw_mapping
 
@@ -88,6 +89,8 @@ def frame_of_images(
     colour: Mapping[str, Any],
     info: Mapping[str, Any],
     is_rectified: bool = False,
+    *,
+    is_registered: bool = False,
 ) -> Frame:
     """Return the view that a depth image and a colour image show, with what of it is doubtful.
 
@@ -99,6 +102,8 @@ def frame_of_images(
         The fields of a CameraInfo.
     is_rectified
         Whether both were rectified before they were published.
+    is_registered
+        Whether the caller knows that depth was laid over colour, whatever their frames say.
 
     Raises
     ------
@@ -121,10 +126,11 @@ def frame_of_images(
             doubtful_bytes(depth) or implausible_depth(pixels) or _doubtful_numbers(depth, pixels),
             doubtful_camera(lens.intrinsics),
             _of_another_camera(depth, info),
+            "" if is_registered else _apart(depth, colour),
             doubtful_inverse(pixels),
         ]
         photo = read_photo(image_bytes(colour))
-        view = view_of_images(pixels, lens, photo.rgb)
+        view = view_of_images(pixels, lens_of_size(lens, info, pixels.shape), photo.rgb)
         noted.append(doubtful_distortion(pixels, view.depth_m))
         doubts = tuple(doubt for doubt in noted if doubt)
         for doubt in doubts:
@@ -143,13 +149,43 @@ def _doubtful_numbers(depth: Mapping[str, Any], depth_m: NDArray[np.float32]) ->
 
 def _of_another_camera(depth: Mapping[str, Any], info: Mapping[str, Any]) -> str:
     """Return why a CameraInfo may not describe a depth image: they are in different frames."""
-    frames = [
-        str(header.get("frame_id", "")).lstrip("/") if isinstance(header, Mapping) else ""
-        for header in (depth.get("header"), info.get("header"))
-    ]
+    frames = _frame_of(depth), _frame_of(info)
     if not all(frames) or frames[0] == frames[1]:
         return ""
     return f"its depth is described by a CameraInfo in the frame {frames[1]}: is it its own?"
+
+
+def _apart(depth: Mapping[str, Any], colour: Mapping[str, Any]) -> str:
+    """Return why a picture may not lie on a depth image: taken from elsewhere, or at another time.
+
+    Depth that was laid over colour is in the frame of colour, so that two frames are two places.
+    """
+    frames = _frame_of(depth), _frame_of(colour)
+    if all(frames) and frames[0] != frames[1]:
+        return (
+            f"its colour is in the frame {frames[1]}, depth in {frames[0]}: taken for registered; "
+            "is depth laid over colour (depth_registered, aligned_depth_to_color)?"
+        )
+    stamps = _stamp_of(depth), _stamp_of(colour)
+    apart_s = abs(stamps[0] - stamps[1])
+    if not all(stamps) or apart_s <= PAIRED_S:
+        return ""
+    return f"its colour was taken {apart_s:.3g} s from its depth: did anything move in between?"
+
+
+def _frame_of(message: Mapping[str, Any]) -> str:
+    header = message.get("header")
+    return str(header.get("frame_id", "")).lstrip("/") if isinstance(header, Mapping) else ""
+
+
+def _stamp_of(message: Mapping[str, Any]) -> float:
+    """Return the time of a message's header, s, by the names of ROS 1 or ROS 2; 0 = not said."""
+    header = message.get("header")
+    stamp = header.get("stamp") if isinstance(header, Mapping) else None
+    if isinstance(stamp, Mapping):
+        parts = stamp.get("sec", stamp.get("secs", 0)), stamp.get("nanosec", stamp.get("nsecs", 0))
+        return float(parts[0] or 0) + float(parts[1] or 0) * 1e-9
+    return stamp_of(message) if hasattr(stamp, "nanosec") else 0.0
 
 
 @lru_cache(128)

@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge, Len
 from pydantic import Field
 
-from rtask.engine.perception.cutting import cut, cut_together, refuse_doubtful
+from rtask.engine.perception.cutting import as_seen, cut, cut_together, refuse_doubtful
 from rtask.errors import DataError, ServiceError, UsageError
 from rtask.services.service import Service, method, startup
 from rtask.wire.message import Answer, Message
@@ -69,6 +69,8 @@ class SegmentedView(Answer):
     objects: list[SegmentedThing]
     table: Annotated[Array, Unit("m")] | None = None
     """a, b, c, d of the table's plane ax + by + cz + d = 0; null without a table"""
+    doubts: list[str] = Field(default_factory=list)
+    """what of the view is doubtful, such as its unit, and in which frame it was read"""
 
 
 class BoxInFrame(Answer):
@@ -151,6 +153,8 @@ class ViewsTogether(Answer):
     table_height: float | None = None
     """in the common frame, m; null without a table"""
     objects: list[JointObject]
+    doubts: list[str] = Field(default_factory=list)
+    """what of the views is doubtful, such as their unit, and in which frame one was read"""
 
 
 class Segmentation(Service):
@@ -189,7 +193,7 @@ class Segmentation(Service):
         from features.codec import decode
 
         try:
-            view = decode(cloud)
+            view, doubts = as_seen(decode(cloud))
         except ValueError as error:
             raise ServiceError(f"cloud: {error}", field="cloud") from error
         scene = cut(view, method, min_points)
@@ -198,6 +202,7 @@ class Segmentation(Service):
             status=scene.status,
             objects=[_segmented(view, scene, segment) for segment in scene.objects],
             table=None if plane is None else np.append(plane.normal, plane.offset),
+            doubts=list(doubts),
         )
 
     @method
@@ -218,9 +223,12 @@ class Segmentation(Service):
         from features.codec import decode
 
         decoded = []
+        doubts: list[str] = []
         for number, view in enumerate(views):
             try:
-                decoded.append((decode(view.cloud), np.asarray(view.sensor_pose, np.float64)))
+                seen, of_view = as_seen(decode(view.cloud))
+                decoded.append((seen, np.asarray(view.sensor_pose, np.float64)))
+                doubts += [f"views[{number}]: {doubt}" for doubt in of_view]
             except ValueError as error:
                 where = f"views[{number}].cloud"
                 raise ServiceError(f"{where}: {error}", field=where) from error
@@ -231,6 +239,7 @@ class Segmentation(Service):
             table_height=None if np.isnan(height) else height,
             objects=[_joined([seen for seen, _ in decoded], together, k) for k in
                      range(len(together.objects))],
+            doubts=doubts,
         )  # fmt: skip
 
     @method

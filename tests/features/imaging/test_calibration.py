@@ -94,8 +94,11 @@ def test_the_command_says_what_is_off(tmp_path, capsys):
     code, said = run(blocks((7, 0)))
     assert code == 1
     assert "px right" in said
-    options = ("--board", "5", "8", "--square", "0.03", "--json")
+    options = ("--board", "5", "8", "--square", "0.03", "--json", "--depth-unit", "0.001")
     code, said = run(board(depth_scale=1.1), *options)
+    assert code == 2
+    assert "nothing says which camera took the depth image" in said
+    code, said = run(board(depth_scale=1.1), *options, "--focal", "525")
     told = json.loads(said)
     assert told["board"]["depth_scale"] == pytest.approx(1.1, abs=0.01)
     assert "depth is 1.1" in " ".join(told["faults"])

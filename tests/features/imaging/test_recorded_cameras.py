@@ -146,7 +146,7 @@ def test_a_view_from_a_time_on_was_recorded_no_earlier(tmp_path: Path) -> None:
     ("numbers", "said"),
     [
         (k(120.0, 63.0, 47.0), "a centre at (63, 47)"),  # of an image of twice the size
-        ([60.0, 0, 0, 0, 61, 0, 31.5, 23.5, 1], "a centre at (0, 0)"),  # written by columns
+        ([60.0, 0, 0.5, 0, 61, 0.5, 0, 0, 1], "a centre at (0.5, 0.5)"),  # as shares
         ([60.0, 0, 31.5, 0, 122, 23.5, 0, 0, 1], "60 across and 122 down"),
     ],
 )

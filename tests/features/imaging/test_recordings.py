@@ -422,11 +422,18 @@ def test_a_rectified_image_whose_camera_has_no_p_is_named(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    "k", [[0.9, 0, 0.5, 0, 1.2, 0.5, 0, 0, 1], [6e7, 0, 31.5, 0, 6e7, 23.5, 0, 0, 1]]
+    ("k", "words"),
+    [
+        ([0.9, 0, 0.5, 0, 1.2, 0.5, 0, 0, 1], "are they in px"),
+        ([6e7, 0, 31.5, 0, 6e7, 23.5, 0, 0, 1], "are they in px"),
+        ([60.0, 0, 0, 0, 61, 0, 31.5, 23.5, 1], "row by row"),
+    ],
 )
-def test_a_camera_that_is_not_described_in_pixels_is_refused(tmp_path: Path, k: Any) -> None:
+def test_a_camera_that_is_not_described_row_by_row_in_pixels_is_refused(
+    tmp_path: Path, k: Any, words: str
+) -> None:
     drive = Drive()
     drive.camera("/camera/depth/camera_info", k=k)
     drive.image("/camera/depth/image_raw", 1005, "16UC1", depth_mm())
-    with pytest.raises(CloudFormatError, match="are they in px"):
+    with pytest.raises(CloudFormatError, match=words):
         seen(drive, tmp_path)

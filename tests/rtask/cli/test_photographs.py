@@ -195,6 +195,10 @@ def test_what_cannot_be_taught_says_why(tmp_path, capsys):
     assert "no photographs" in run(capsys, "teach", "x", empty, "-d", store, code=2)
     blank = tmp_path / "one.png"
     cv2.imwrite(str(blank), np.zeros((10, 10), np.uint8))
+    depth = tmp_path / "depth.png"
+    cv2.imwrite(str(depth), np.full((48, 64), 700, np.uint16))
+    said = run(capsys, "teach", "x", depth, "--colour", photo, "-d", store, code=2)
+    assert "depth.png: nothing says which camera took the depth image" in said
     masks = tmp_path / "masks"
     masks.mkdir()
     said = run(capsys, "teach", "x", photo, "--mask", masks, "-d", store, code=2)

@@ -16,9 +16,9 @@ from features.geometry import Frame
 from features.imaging import recordings
 from features.perception import perceive
 from rtask.cli.perception import posed
-from rtask.cli.perception.scene_file import View
 from rtask.cli.perception.segment import segment
 from rtask.cli.perception.selecting import Selection, objects_in
+from rtask.cli.perception.view_options import View
 from rtask.errors import UsageError
 from rtask.ros2 import transforms
 from tests.rtask.interop.ros.scene import BASE_FROM_CAMERA, INTRINSICS, urdf_of, view

@@ -28,7 +28,9 @@ COUNTED = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 LENGTHS, OF_TASK, HELD = (4, 6, 5), (1, 0, 1), (True, True, False)
 
 
-def foreign(folder: Path, version: str = "v3.0", *, success: bool = True, action: int = 3) -> Path:
+def foreign(
+    folder: Path, version: str = "v3.0", *, success: bool = True, action: int = 3, scale: float = 1
+) -> Path:
     """Write three episodes as the package of LeRobot does: two files, names by group, pictures."""
     (folder / "meta").mkdir(parents=True)
     (folder / "data/chunk-000").mkdir(parents=True)
@@ -51,7 +53,7 @@ def foreign(folder: Path, version: str = "v3.0", *, success: bool = True, action
     pq.write_table(words, folder / "meta/tasks.parquet")
     tables = []
     for number, (length, task, held) in enumerate(zip(LENGTHS, OF_TASK, HELD, strict=True)):
-        state = number + np.arange(length)[:, None] / 10 + np.arange(3)
+        state = scale * (number + np.arange(length)[:, None] / 10 + np.arange(3))
         columns = {
             "observation.state": pa.array(state.tolist(), pa.list_(pa.float32())),
             "action": pa.array((state[:, :action] + 1).tolist(), pa.list_(pa.float32())),
@@ -74,6 +76,15 @@ def kb() -> Iterator[KnowledgeBase]:
         yield opened
 
 
+def test_joints_beyond_any_angle_are_said_to_be_in_another_unit(
+    kb: KnowledgeBase, tmp_path: Path
+) -> None:
+    read = read_episodes(kb, foreign(tmp_path / "shares", scale=20))
+    assert read.episodes == 3
+    assert read.doubts[0].startswith("its joints go to 46, read as rad or m: are they in degrees")
+    assert len(read.doubts) == 1
+
+
 def test_each_episode_is_an_attempt_with_its_task_joints_and_success(
     kb: KnowledgeBase, tmp_path: Path
 ) -> None:
@@ -88,6 +99,7 @@ def test_each_episode_is_an_attempt_with_its_task_joints_and_success(
     assert motion.commands[5] == pytest.approx([2.5, 3.5, 4.5])
     assert not kb.contradictions()
     before = kb.seq
+    assert not read.doubts
     assert read_episodes(kb, tmp_path / "so101 mugs").statements == 0
     assert (kb.seq, len(episodes_of(kb))) == (before, 3), "what is known changes nothing"
 

@@ -16,9 +16,9 @@ from click.testing import CliRunner
 from features.codec import decode, encode_frame
 from features.geometry import Frame
 from rtask.cli.perception.recognise import recognise
-from rtask.cli.perception.scene_file import View
 from rtask.cli.perception.segment import segment
 from rtask.cli.perception.selecting import Selection, objects_in
+from rtask.cli.perception.view_options import View
 from rtask.cli.ros.schema import engine_schema
 from rtask.client.base import RULES
 from rtask.interop.ros.looking import Look

@@ -62,8 +62,9 @@ class CameraTopics(NewestView[Frame]):
         """Return the view of a depth image and the colour image that belongs to it."""
         is_rectified = is_rectified_topic(self.topic("depth"))
         return frame_of_images(
-            raw_mapping(depth), raw_mapping(colour), raw_mapping(info), is_rectified
-        )
+            raw_mapping(depth), raw_mapping(colour), raw_mapping(info), is_rectified,
+            is_registered=True,
+        )  # fmt: skip
 
 
 def _image_taker(take: Callable[[Any], None]) -> Callable[[Any], None]:
