@@ -19,6 +19,7 @@ from rtask.loader.headers import peek
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import FORMATS
 from rtask.rdf.guards import check_xml
+from rtask.ros_packages import in_packages, workspace_folders
 
 __all__ = ["OntologyCatalogue", "loadable_files"]
 
@@ -74,6 +75,34 @@ class OntologyCatalogue:
             paths = entries.get(iri) or entries.get(iri.rstrip("#/")) or []
             if paths:
                 return _choose(paths, iri, beside)
+        scheme, _, inside = iri.partition("://")
+        return self._in_package(inside, beside) if scheme == "package" else None
+
+    def _in_package(self, inside: str, beside: Path | None) -> Path | None:
+        """Return the file of ``package://``, by which robotic ontologies import one another.
+
+        Such an address says where a file lies, not what its ontology is called. Packages were
+        renamed and merged since; then a file of the same name in a folder that the caller gave
+        is what is left to find it by.
+        """
+        folders = [place for place in self.searched(beside) if place.is_dir()]
+        for path in in_packages(inside, (*folders, *workspace_folders()), above=beside):
+            if path.is_file():
+                return path
+        name = inside.rpartition("/")[2]
+        alike = [path for folder in folders for path in loadable_files(folder) if path.name == name]
+        return _choose(alike, f"package://{inside}", beside) if alike else None
+
+    def resembling(self, iri: str, beside: Path | None = None) -> tuple[Path, str] | None:
+        """Return the file that an import may mean, and the IRI that its ontology has instead.
+
+        It has the name that ends the IRI, or its own IRI differs in capitals alone.
+        """
+        name = iri.rstrip("#/").rpartition("/")[2].lower()
+        for place in self.searched(beside):
+            for other, paths in self._entries(place).items():
+                if iri.lower() == other.lower() or (name and paths[0].name.lower() == name):
+                    return paths[0], other
         return None
 
     def searched(self, beside: Path | None = None) -> list[Path]:

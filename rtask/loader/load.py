@@ -166,7 +166,7 @@ class _Loader:
             paths = self.catalogue.find(source)
             if paths is None:
                 raise DataError(
-                    f"{source} is neither a file nor a known ontology; {self._places()}"
+                    f"{source} is neither a file nor a known ontology; {self._searched(source)}"
                 )
             return [Document.of(paths)]
         if isinstance(source, str | Path) and Path(source).is_dir():
@@ -176,8 +176,11 @@ class _Loader:
             return sorted(files, key=lambda document: peek(document).iri is None)
         return [Document.of(source)]
 
-    def _places(self, beside: Path | None = None) -> str:
-        return "searched " + ", ".join(map(str, self.catalogue.searched(beside)))
+    def _searched(self, name: str, beside: Path | None = None) -> str:
+        """Say where an ontology was looked for, and which file there may be meant."""
+        text = "searched " + ", ".join(map(str, self.catalogue.searched(beside)))
+        alike = self.catalogue.resembling(name, beside)
+        return f"{text}, where {alike[0]} calls itself {alike[1]}" if alike else text
 
     def load_rules(self, document: Document) -> None:
         """Load a file of rules as one commit."""
@@ -324,9 +327,13 @@ class _Loader:
             nested.load(Document.of(paths))
             return
         self.report.missing_imports.append(name.value)
-        message = f"{importer.name} imports {name.value}; {self._places(importer.path)}"
+        message = f"{importer.name} imports {name.value}; {self._searched(name.value, importer.path)}"
         if self.options.missing_imports == "error":
-            raise DataError(message, missing=name.value)
+            raise DataError(
+                f"{message}; name the folder that has it (--catalog, catalogs=), or load without "
+                "it (--missing-imports warn, missing_imports='warn')",
+                missing=name.value,
+            )
         if self.options.missing_imports == "warn":
             _log.warning("%s", message)
 

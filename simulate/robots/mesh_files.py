@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
 from rtask.errors import RobotError
+from rtask.ros_packages import in_packages, workspace_folders
 
 __all__ = ["find_mesh", "load_mesh"]
 
@@ -23,7 +23,7 @@ def find_mesh(urdf: Path, name: str, within: Path | None = None) -> Path | None:
     name
         A path, relative to the file's folder, or a URI with ``file://``, ``package://`` or
         ``model://``, as written or with its ``%20`` decoded. The package of such a URI is searched
-        in the file's folder, in each above it, and in those of ``ROS_PACKAGE_PATH``. A file name
+        in the file's folder, in each above it, and in the ROS workspace of this process. A file name
         behind an argument of xacro that was never filled in, ``$(arg meshes)/pad.stl``, is searched
         beside the file and in the folders ``meshes`` there and above.
     within
@@ -49,7 +49,7 @@ def _candidates(urdf: Path, name: str, within: Path | None) -> Iterator[Path]:
         yield within / inside
         yield within / inside.partition("/")[2]
     else:
-        yield from _in_packages(urdf, inside)
+        yield from in_packages(inside, workspace_folders(), above=urdf)
 
 
 def load_mesh(path: Path) -> Any:
@@ -71,15 +71,3 @@ def load_mesh(path: Path) -> Any:
     if not len(mesh.vertices):
         raise RobotError(f"{path}: the mesh has no vertices")
     return mesh
-
-
-def _in_packages(urdf: Path, inside: str) -> Iterator[Path]:
-    package, _, rest = inside.partition("/")
-    for folder in urdf.resolve().parents:
-        yield folder / inside
-        if folder.name == package:
-            yield folder / rest
-    for listed in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
-        yield Path(listed) / inside
-        if Path(listed).name == package:
-            yield Path(listed) / rest

@@ -84,6 +84,37 @@ def test_imports_are_found_beside_the_file_and_cycles_end(
     assert kb.load(tmp_path / "top.ttl").added == 0  # nothing is loaded twice
 
 
+def test_an_import_by_package_is_found_where_ros_and_the_caller_have_it(
+    tmp_path: Path, kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ws"))
+    robots = tmp_path / "kitchen" / "owl" / "robots"
+    installed, moved = tmp_path / "ws" / "share" / "arms" / "owl", tmp_path / "elsewhere"
+    for folder in (robots, installed, moved):
+        folder.mkdir(parents=True)
+    _write(robots.parent, base=_ontology("base"))
+    _write(installed, arm=_ontology("arm"))
+    _write(moved, parts=_ontology("parts"))
+    named = "kitchen/owl/base.ttl arms/owl/arm.ttl gone/owl/parts.ttl".split()
+    _write(robots, top=_ontology("top", " ".join(f"package://{path}" for path in named)))
+    # The package of the third exists no more; the caller's folder has a file of its name.
+    with pytest.raises(DataError, match=r"imports package://gone/owl/parts\.ttl; searched"):
+        kb.load(robots / "top.ttl")
+    report = kb.load(robots / "top.ttl", catalogs=[moved])
+    assert [Path(file.name).stem for file in report.files][-2:] == ["parts", "top"]
+    assert {f"urn:o:{name}" for name in ("arm", "base", "parts", "top")} == {
+        name.value for name in kb.catalogue.ontologies()
+    }
+
+
+def test_a_missing_import_names_the_file_that_may_be_meant(
+    tmp_path: Path, kb: KnowledgeBase
+) -> None:
+    _write(tmp_path, top=_ontology("top", "urn:o:All"), all=_ontology("ALL"))
+    with pytest.raises(DataError, match=r"where .*all\.ttl calls itself urn:o:ALL; name the folder"):
+        kb.load(tmp_path / "top.ttl")
+
+
 def test_a_missing_import_lists_where_it_was_looked_for(
     tmp_path: Path, kb: KnowledgeBase, caplog: pytest.LogCaptureFixture
 ) -> None:

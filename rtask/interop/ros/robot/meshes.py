@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from urllib.parse import unquote
@@ -17,6 +16,7 @@ import numpy as np
 
 from rtask.errors import DataError
 from rtask.interop.ros.scene.shapes import MAX_TRIANGLES, Floats
+from rtask.ros_packages import in_packages, workspace_folders
 
 __all__ = ["MeshFiles", "read_mesh"]
 
@@ -40,14 +40,7 @@ class MeshFiles:
     """
 
     def __init__(self, variables: Mapping[str, str] | None = None) -> None:
-        given = os.environ if variables is None else variables
-
-        def folders(name: str) -> list[Path]:
-            return [Path(path) for path in given.get(name, "").split(os.pathsep) if path]
-
-        prefixes = [*folders("AMENT_PREFIX_PATH"), *folders("CMAKE_PREFIX_PATH")]
-        self._shares = list(dict.fromkeys(prefix / "share" for prefix in prefixes))
-        self._sources = folders("ROS_PACKAGE_PATH")  # of ROS 1: of packages, or a package
+        self._folders = workspace_folders(variables)
 
     def find(self, uri: str) -> Path | None:
         """Return the file that a model means, or None if it is not in this environment."""
@@ -64,14 +57,9 @@ class MeshFiles:
         return None
 
     def _in_packages(self, inside: str) -> Iterator[Path]:
-        package, _, rest = inside.partition("/")
-        roots = [folder / package for folder in (*self._shares, *self._sources)]
-        roots += [folder for folder in self._sources if folder.name == package]
-        for root in roots:
-            path = root / rest
-            # A model is heard from anybody in the network: it names nothing outside of packages.
-            if ".." not in Path(rest).parts and path.is_file():
-                yield path
+        # A model is heard from anybody in the network: it names nothing outside of packages.
+        if ".." not in Path(inside).parts:
+            yield from (path for path in in_packages(inside, self._folders) if path.is_file())
 
 
 def read_mesh(path: Path, scale: Floats | None = None) -> Floats:
