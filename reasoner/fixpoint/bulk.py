@@ -273,12 +273,9 @@ class Bulk:
             return ((a >= _LITERAL) | (b >= _LITERAL)) & np.not_equal(a, b)
         assert isinstance(condition, InDatatype)
         values, place = np.unique(table[condition.variable], return_inverse=True)
-        inside = [
-            v >= LITERAL and self._terms.in_datatype(v, condition.datatype) is True
-            for v in values.tolist()
-        ]
-        is_inside: NDArray[np.bool_] = np.array(inside, bool)[place]
-        return is_inside if condition.inside else ~is_inside
+        holds = [condition.holds_of(value, self._terms) for value in values.tolist()]
+        tested: NDArray[np.bool_] = np.array(holds, bool)[place]
+        return tested
 
     # Heads.
 

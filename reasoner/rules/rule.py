@@ -112,7 +112,7 @@ class Differ:
 
 @dataclass(frozen=True, slots=True)
 class Clash:
-    """Two variables cannot denote one thing: a literal and a resource, or two literal values."""
+    """Two variables cannot denote one thing: a literal and a resource, or two known values."""
 
     left: int
     right: int
@@ -128,12 +128,15 @@ class Clash:
         a, b = env[~self.left], env[~self.right]
         assert a is not None
         assert b is not None
-        return (a >= LITERAL or b >= LITERAL) and not terms.is_same(a, b)
+        return terms.is_clash(a, b)
 
 
 @dataclass(frozen=True, slots=True)
 class InDatatype:
-    """A variable is bound to a literal inside (or, negated, outside) a datatype."""
+    """A variable is bound to a literal inside (or, negated, outside) a datatype.
+
+    A literal of which this is not known is neither.
+    """
 
     variable: int
     datatype: int
@@ -146,9 +149,13 @@ class InDatatype:
         return frozenset((self.variable,))
 
     def holds(self, view: View, terms: Dictionary, env: Bindings) -> bool:
-        """Look the datatype up in the literal's mask; resources lie in no datatype."""
+        """Tell whether it holds of the binding."""
         bound = env[~self.variable]
         assert bound is not None
+        return self.holds_of(bound, terms)
+
+    def holds_of(self, bound: int, terms: Dictionary) -> bool:
+        """Look the datatype up in the literal's mask; resources lie in no datatype."""
         # Ids of literals lie above all others, so that this is a comparison of integers.
         if bound < LITERAL:
             return not self.inside

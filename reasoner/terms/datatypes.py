@@ -37,6 +37,9 @@ class Value:
         Values of different families are not comparable.
     well_typed : bool
         False if the lexical form does not belong to the datatype.
+    is_known : bool
+        False if what the literal denotes is not known, its datatype being neither of XSD nor of
+        RDF: it may be the value of any other literal, and lie in any datatype.
     """
 
     key: Key
@@ -44,6 +47,7 @@ class Value:
     order: Order | None
     family: str
     well_typed: bool = True
+    is_known: bool = True
 
 
 _WIDTHS = {"long": 64, "int": 32, "short": 16, "byte": 8}
@@ -89,6 +93,8 @@ def value_of(lexical: str, datatype: str, language: str | None = None) -> Value:
     False
     >>> value_of("abc", XSD + "integer").well_typed
     False
+    >>> value_of("0 0 1", "urn:lab:vector").is_known
+    False
     """
     if language is not None:
         # Tags are compared without regard to case (RDF 1.1 Concepts 3.3).
@@ -96,7 +102,9 @@ def value_of(lexical: str, datatype: str, language: str | None = None) -> Value:
     if datatype == XSD + "string":
         return _string(lexical)
     if not datatype.startswith(XSD) and datatype != RDF + "PlainLiteral":
-        return Value(("opaque", lexical, datatype), 0, None, datatype)
+        # The value spaces of RDF's own types, such as XMLLiteral, are disjoint from those of XSD.
+        is_known = datatype.startswith(RDF)
+        return Value(("opaque", lexical, datatype), 0, None, datatype, is_known=is_known)
     name = datatype[len(XSD) :]
     value = _read(lexical, name)
     if value is None:

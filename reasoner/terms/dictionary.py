@@ -297,10 +297,25 @@ class Dictionary:
         """Tell whether two ids are one term or two literals of one value."""
         return left == right or right in self._variants.get(left, ())
 
+    def is_clash(self, left: int, right: int) -> bool:
+        """Tell whether two ids cannot denote one thing.
+
+        So it is for a literal and a resource, since data and individuals are apart (OWL 2 Direct
+        Semantics 2.1), and for two literals whose values are known and differ.
+        """
+        if (left < LITERAL and right < LITERAL) or self.is_same(left, right):
+            return False
+        literals = [number for number in (left, right) if number >= LITERAL]
+        return len(literals) == 1 or all(self.value(number).is_known for number in literals)
+
     def in_datatype(self, number: int, datatype: int) -> bool | None:
-        """Tell whether a literal lies in a datatype; None where the datatype is not supported."""
+        """Tell whether a literal lies in a datatype; None where that is not known.
+
+        It is not for a datatype that is not supported, and for a literal of one that is not.
+        """
         bit = BITS.get(self.iri(datatype))
-        return None if bit is None else bool(self.value(number).mask & bit)
+        value = self.value(number)
+        return None if bit is None or not value.is_known else bool(value.mask & bit)
 
     def table(self) -> TermTable:
         """Return all terms as a table; what an earlier table holds is not encoded again."""

@@ -71,7 +71,14 @@ class Graph:
 
 def clash(a: Term, b: Term) -> bool:
     """Whether two things cannot be the same."""
-    return (isinstance(a, Literal) or isinstance(b, Literal)) and key(a) != key(b)
+    literals = [x for x in (a, b) if isinstance(x, Literal)]
+    if key(a) == key(b) or not literals:
+        return False
+    return len(literals) == 1 or all(map(is_known, literals))
+
+
+def is_known(x: Literal) -> bool:
+    return x.datatype.value.startswith((XSD, str(TYPE.value).rpartition("#")[0]))
 
 
 def key(x: Term) -> object:
@@ -80,11 +87,11 @@ def key(x: Term) -> object:
     return x
 
 
-def in_datatype(x: Term, datatype: Term) -> bool:
+def in_datatype(x: Term, datatype: Term) -> bool | None:
     from reasoner.terms.datatypes import BITS
 
     value = value_of(x.value, x.datatype.value, x.language)
-    return bool(value.mask & BITS[datatype.value])
+    return bool(value.mask & BITS[datatype.value]) if is_known(x) else None
 
 
 def is_datatype(c: Term) -> bool:
@@ -131,7 +138,7 @@ def properties(g: Graph, bad: set[Finding]) -> Iterator[Triple]:
         for _, y in g.pairs(p):
             if not is_datatype(c):
                 yield y, TYPE, c
-            elif not isinstance(y, Literal) or not in_datatype(y, c):
+            elif not isinstance(y, Literal) or in_datatype(y, c) is False:
                 bad.add(("dt-not-type", y))
     for p in g.members(owl("FunctionalProperty")):
         for (x, y), (z, w) in product(g.pairs(p), repeat=2):

@@ -148,6 +148,17 @@ FORBIDS = {
     "dt-not-type": ":p rdfs:range xsd:byte . :a :p 300",
 }
 
+# What is not known is no contradiction: a datatype that nobody here knows may hold the value.
+ALLOWS = {
+    "dt-not-type": ":p rdfs:range xsd:string . :a :p '0 0 1'^^:vector",
+    "dt-not-type, equivalent": ":vector owl:equivalentClass xsd:string . "
+    ":p rdfs:range :vector . :a :p '0 0 1'^^:vector",
+    "dt-not-type, only": RESTRICTION + "owl:allValuesFrom xsd:double . :a a :r ; :p '1/2'^^owl:rational",
+    "prp-fp": ":p a owl:FunctionalProperty . :a :p '1/2'^^owl:rational, '2/4'^^owl:rational, .5",
+    "cls-maxc2": RESTRICTION + "owl:maxCardinality 1 . :a a :r ; :p 'a'^^:vector, 'b'^^:vector",
+}
+
+
 VIRTUAL = {
     "eq-ref": ":a owl:sameAs :a",
     "cls-thing": "owl:Thing rdfs:subClassOf owl:Thing",
@@ -162,6 +173,20 @@ VIRTUAL = {
     "dt-eq": ":a :d '1'^^xsd:integer",
 }
 DECLARATIONS = ":C a owl:Class . :p a owl:ObjectProperty . :d a owl:DatatypeProperty . :a :d 1.0"
+
+
+@pytest.mark.parametrize("rule", ALLOWS)
+def test_what_is_not_known_contradicts_nothing(rule):
+    facts = triples(ALLOWS[rule] + " .")
+    assert not Closure.build(facts, []).contradictions()
+    staged = Closure.build([], []).stage(facts, [])
+    assert not staged.contradictions
+
+
+def test_a_date_is_known_to_be_no_text_and_xml_no_number():
+    for value in ("'2026-01-01'^^xsd:date", "'<a/>'^^rdf:XMLLiteral"):
+        facts = triples(f":p rdfs:range xsd:string . :a :p {value} .")
+        assert [c.rule for c in Closure.build(facts, []).contradictions()] == ["dt-not-type"]
 
 
 @pytest.mark.parametrize("rule", DERIVES)
