@@ -95,6 +95,8 @@ def describe(finding: Inconsistency, reading: Reading) -> Contradiction:
     equalities = tuple(_equalities([*facts, *forbidding], reading))
     premises = "; ".join(" ".join(map(str, triple)) for triple in triples)
     message = f"{MESSAGES.get(finding.rule, 'a clash')} ({finding.rule}): {premises}"
+    if finding.rule == "dt-not-type" and axioms:
+        message += f", not in {axioms[-1][2]}"
     return Contradiction(finding.rule, triples, axioms, proofs, message, equalities)
 
 

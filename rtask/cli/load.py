@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +21,7 @@ from rtask.cli.options import (
     shapes_option,
 )
 from rtask.cli.progress import LoadProgress
+from rtask.errors import InconsistentError
 
 if TYPE_CHECKING:
     from rtask.knowledge_base import KnowledgeBase
@@ -69,6 +72,14 @@ _MAX_READ_AGAIN = 200_000
     help="Check the statements against the SHACL shapes.",
 )
 @shapes_option
+@click.option(
+    "--on-inconsistency",
+    type=click.Choice(["error", "quarantine"]),
+    default="error",
+    show_default=True,
+    help="Refuse a file that contradicts itself or the graph, or set the statements to blame "
+    "aside (`rtask quarantine`) and store the rest.",
+)
 @json_option
 def load(
     sources: tuple[str, ...],
@@ -84,6 +95,7 @@ def load(
     dry_run: bool,
     validate: str,
     shapes: tuple[Path, ...],
+    on_inconsistency: str,
     as_json: bool,
 ) -> None:
     """Load files, folders, - (standard input) or IRIs of known ontologies.
@@ -96,11 +108,16 @@ def load(
     progress = LoadProgress() if sys.stderr.isatty() and not as_json else None
     if shapes and validate == "off":
         validate = "refuse"
-    options = {"reason": not no_reason, "validate": validate, "shapes": shapes}
-    with open_or_make(data, stores=not dry_run, **options) as kb:
+    options = {
+        "reason": not no_reason,
+        "validate": validate,
+        "shapes": shapes,
+        "on_inconsistency": on_inconsistency,
+    }
+    with _hinting(), open_or_make(data, stores=not dry_run, **options) as kb:
         graph = None if graph is None else resource(graph, kb.base)
         before = {str(name) for name in kb.store.named_graphs()}
-        seq = kb.seq
+        seq, aside = kb.seq, len(kb.quarantined())
         try:
             for source in sources:
                 report = kb.load(
@@ -123,8 +140,25 @@ def load(
         finally:  # what was stored before a source that fails stays, and can be undone
             if not as_json and not dry_run:
                 _announce_undo(kb, reports, before, seq)
+        aside = len(kb.quarantined()) - aside
+    if aside:
+        click.echo(
+            f"{aside} statements contradict the rest and were set aside; "
+            f"to list them: rtask quarantine --data {data}",
+            err=True,
+        )
     if as_json:
         print_json([report.to_dict() for report in reports])
+
+
+@contextmanager
+def _hinting() -> Iterator[None]:
+    """Add what a person at a terminal may do to the refusal of contradictory statements."""
+    try:
+        yield
+    except InconsistentError as error:
+        error.args = (f"{error}, and --on-inconsistency quarantine stores what does not clash",)
+        raise
 
 
 def _print_report(report: LoadReport) -> None:

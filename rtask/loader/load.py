@@ -327,7 +327,9 @@ class _Loader:
             nested.load(Document.of(paths))
             return
         self.report.missing_imports.append(name.value)
-        message = f"{importer.name} imports {name.value}; {self._searched(name.value, importer.path)}"
+        message = (
+            f"{importer.name} imports {name.value}; {self._searched(name.value, importer.path)}"
+        )
         if self.options.missing_imports == "error":
             raise DataError(
                 f"{message}; name the folder that has it (--catalog, catalogs=), or load without "

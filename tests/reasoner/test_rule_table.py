@@ -153,7 +153,8 @@ ALLOWS = {
     "dt-not-type": ":p rdfs:range xsd:string . :a :p '0 0 1'^^:vector",
     "dt-not-type, equivalent": ":vector owl:equivalentClass xsd:string . "
     ":p rdfs:range :vector . :a :p '0 0 1'^^:vector",
-    "dt-not-type, only": RESTRICTION + "owl:allValuesFrom xsd:double . :a a :r ; :p '1/2'^^owl:rational",
+    "dt-not-type, only": RESTRICTION
+    + "owl:allValuesFrom xsd:double . :a a :r ; :p '1/2'^^owl:rational",
     "prp-fp": ":p a owl:FunctionalProperty . :a :p '1/2'^^owl:rational, '2/4'^^owl:rational, .5",
     "cls-maxc2": RESTRICTION + "owl:maxCardinality 1 . :a a :r ; :p 'a'^^:vector, 'b'^^:vector",
 }

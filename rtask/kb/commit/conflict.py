@@ -53,6 +53,8 @@ def inconsistent(
     # doubles are disjoint (XML Schema 2, 3.2).
     if "XMLSchema#decimal" in message:
         hint = "; a number with a point is an xsd:decimal, write 0.31e0 for an xsd:double"
+    elif "XMLSchema#double" in message and "XMLSchema#float" in message:
+        hint = "; no value is both an xsd:double and an xsd:float"
     because = _because(causes, name)
     charged = _charged(contradictions, causes, graphs_of, owner_of)
     if charged:

@@ -111,7 +111,9 @@ def test_a_missing_import_names_the_file_that_may_be_meant(
     tmp_path: Path, kb: KnowledgeBase
 ) -> None:
     _write(tmp_path, top=_ontology("top", "urn:o:All"), all=_ontology("ALL"))
-    with pytest.raises(DataError, match=r"where .*all\.ttl calls itself urn:o:ALL; name the folder"):
+    with pytest.raises(
+        DataError, match=r"where .*all\.ttl calls itself urn:o:ALL; name the folder"
+    ):
         kb.load(tmp_path / "top.ttl")
 
 
