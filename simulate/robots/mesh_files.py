@@ -23,9 +23,9 @@ def find_mesh(urdf: Path, name: str, within: Path | None = None) -> Path | None:
     name
         A path, relative to the file's folder, or a URI with ``file://``, ``package://`` or
         ``model://``, as written or with its ``%20`` decoded. The package of such a URI is searched
-        in the file's folder, in each above it, and in the ROS workspace of this process. A file name
-        behind an argument of xacro that was never filled in, ``$(arg meshes)/pad.stl``, is searched
-        beside the file and in the folders ``meshes`` there and above.
+        in the file's folder, in each above it, and in the ROS workspace of this process. A file
+        name behind an argument of xacro that was never filled in, ``$(arg meshes)/pad.stl``, is
+        searched beside the file and in the folders ``meshes`` there and above.
     within
         The only folder that meshes may lie in, for files of strangers: a package is this folder,
         or one in it. None = anywhere.

@@ -90,6 +90,7 @@ def key(x: Term) -> object:
 def in_datatype(x: Term, datatype: Term) -> bool | None:
     from reasoner.terms.datatypes import BITS
 
+    assert isinstance(x, Literal)
     value = value_of(x.value, x.datatype.value, x.language)
     return bool(value.mask & BITS[datatype.value]) if is_known(x) else None
 
