@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 from rtask.errors import UsageError
@@ -17,13 +17,15 @@ from rtask.tasks.language.patterns import (
     elsewhere,
     exemplars_of,
     fitting,
-    measured,
     places_of,
 )
+from rtask.tasks.language.ranking import most, with_chosen
 
-__all__ = ["aims_of", "holds"]
+__all__ = ["STAYS", "aims_of", "holds"]
 
 _TIE = 1e-9
+STAYS = ": where it is now"
+"""How the text of a goal ends whose things are to be where they are."""
 
 
 def aims_of(select: Select, deed: Deed) -> Iterator[Aim]:
@@ -38,18 +40,21 @@ def aims_of(select: Select, deed: Deed) -> Iterator[Aim]:
         yield from _swap(select, deed)
         return
     phrase, quantity = deed.phrase, deed.phrase.quantity
-    conditions = list(fitting(phrase))
+    conditions = with_chosen(select, replace(phrase, superlative=None))
     for left_out in phrase.left_out:
         # A colour that nobody has stated would leave nothing out, in silence.
-        if left_out.is_described and not exemplars_of(select, list(fitting(left_out))):
+        is_doubtful = left_out.is_described or len(left_out.heads) > 1
+        if is_doubtful and not exemplars_of(select, with_chosen(select, left_out)):
             raise UsageError(f"which {left_out.text} is to be left out is not known")
     if deed.kind == "back":
         _require_earlier(select, phrase, conditions)
     if deed.kind == "away":
         assert deed.source is not None
         conditions += _at(deed.source)
+    _require_single(select, deed)
     if phrase.superlative is not None:
-        conditions = [_most(select, phrase, conditions)]
+        chosen = most(select, phrase, conditions)
+        conditions = [f"VALUES ?thing {{ {' '.join(map(str, chosen))} }}"] if chosen else conditions
     where = [*conditions, _end(select, deed)]
     number, is_away = _number(select, deed, conditions)
     if is_away:
@@ -64,13 +69,38 @@ def aims_of(select: Select, deed: Deed) -> Iterator[Aim]:
     )  # fmt: skip
 
 
+def _require_single(select: Select, deed: Deed) -> None:
+    """Refuse "all but the one on the table" where two are there.
+
+    Raises
+    ------
+    UsageError
+        Which of several is to be left out is not said.
+    """
+    whole = replace(deed.phrase, left_out=(), superlative=None)
+    for left_out in deed.phrase.left_out:
+        is_single = left_out.is_definite and not left_out.is_plural and left_out.quantity is None
+        if not is_single or left_out.superlative is not None:
+            continue
+        of = with_chosen(select, whole) + (_at(deed.source) if deed.source is not None else [])
+        number = len(
+            exemplars_of(select, of).keys() & exemplars_of(select, with_chosen(select, left_out))
+        )
+        if number > 1:
+            raise UsageError(
+                f"which {left_out.text} is to be left out is not said: the graph knows of {number}"
+            )
+
+
 def _passing_end(deed: Deed, where: Sequence[str]) -> str | None:
     """Return the end of a goal whose words mean other things once a part of it is done."""
     phrase = deed.phrase
-    if deed.kind == "back":
+    if deed.kind in ("back", "stay"):
         return ""
     kind = phrase.quantity.kind if phrase.quantity is not None else ""
-    is_passing = phrase.places or phrase.superlative is not None or kind in ("share", "definite")
+    is_passing = phrase.places or phrase.superlative is not None or kind in (
+        "share", "definite", "all_but",
+    )  # fmt: skip
     left_out = any(item.places for item in phrase.left_out)
     is_there = deed.target is not None and deed.target.holds is not None
     if is_passing or left_out or is_there or deed.kind == "away" or kind in ("exactly", "at_most"):
@@ -106,11 +136,15 @@ def _end(select: Select, deed: Deed) -> str:
         return HAND
     if deed.kind == "back":
         return EARLIER
+    if deed.kind == "stay":
+        return "?thing rt:locatedOn ?place"
     if deed.kind == "away":
         assert deed.source is not None
         return elsewhere(places_of(deed.source))
     assert deed.target is not None
-    return destination(select, deed.target)
+    holds_ = deed.target.holds
+    held = with_chosen(select, holds_) if holds_ is not None else ()
+    return destination(select, deed.target, held)
 
 
 def _usual(phrase: Phrase) -> Quantity:
@@ -154,6 +188,8 @@ def _number(select: Select, deed: Deed, conditions: Sequence[str]) -> tuple[int 
                 f"the {quantity.number:g} {deed.phrase.text}: the graph knows of {len(things)}"
             )
         return None, False
+    if quantity.kind == "all_but":
+        return _but(select, deed, conditions, things.keys()), False
     if quantity.kind == "share":
         number = len(things) * quantity.number
         if abs(number - round(number)) > _TIE:
@@ -171,26 +207,29 @@ def _number(select: Select, deed: Deed, conditions: Sequence[str]) -> tuple[int 
     return (0 if quantity.kind == "at_most" else int(quantity.number)), False
 
 
-def _most(select: Select, phrase: Phrase, conditions: Sequence[str]) -> str:
-    """Return the condition that a thing is one of those that have the most, or least, of a measure.
+def _but(select: Select, deed: Deed, conditions: Sequence[str], things: Collection[Term]) -> int:
+    """Return how many "all but two" are.
 
     Raises
     ------
     UsageError
-        Several are alike at the bound, so that which of them is meant is not said.
+        There are not so many, or those that are to be left out are there already.
     """
-    assert phrase.superlative is not None
-    values = measured(select, conditions, phrase.superlative.measure)
-    sign = -1 if phrase.superlative.is_most else 1
-    order = sorted(values, key=lambda thing: (sign * values[thing], str(thing)))
-    quantity = phrase.quantity or Quantity("some", 1)
-    number = int(quantity.number)
-    chosen = order[:number]
-    if len(order) > number and abs(values[order[number]] - values[chosen[-1]]) < _TIE:
+    quantity = deed.phrase.quantity
+    assert quantity is not None
+    number = len(things) - int(quantity.number)
+    if number < 1:
         raise UsageError(
-            f"several {phrase.text} are alike, so that which {number} is meant is not said"
+            f"all but {quantity.number:g} {deed.phrase.text}: the graph knows of {len(things)}"
         )
-    return f"VALUES ?thing {{ {' '.join(map(str, chosen))} }}" if chosen else " . ".join(conditions)
+    if deed.target is not None and all(name.role("place") for name in deed.target.names):
+        there = exemplars_of(select, [*conditions, *_at(deed.target)]).keys()
+        if len(there & set(things)) > number:
+            raise UsageError(
+                f"all but {quantity.number:g} {deed.phrase.text}: {len(there)} are there already; "
+                f"say 'exactly {number}' if the others are to go elsewhere"
+            )
+    return number
 
 
 def _swap(select: Select, deed: Deed) -> Iterator[Aim]:
@@ -208,7 +247,7 @@ def _swap(select: Select, deed: Deed) -> Iterator[Aim]:
 
 
 def _side(select: Select, phrase: Phrase) -> tuple[list[Term], Term]:
-    matches = exemplars_of(select, list(fitting(phrase)))
+    matches = exemplars_of(select, with_chosen(select, phrase))
     places = {place for of in matches.values() for place in of}
     is_single = (phrase.quantity or _usual(phrase)) == Quantity("some", 1)
     if len(places) != 1 or not all(matches.values()) or (is_single and len(matches) != 1):
@@ -230,6 +269,8 @@ def _about(deed: Deed) -> str:
     if deed.kind == "away":
         assert deed.source is not None
         return f"{about} at {deed.source.text}: elsewhere"
+    if deed.kind == "stay":
+        return about + STAYS
     ends = {"hold": "held", "back": "where it was before"}
     if deed.kind in ends:
         return f"{about}: {ends[deed.kind]}"
@@ -252,16 +293,17 @@ def holds(select: Select, condition: Condition) -> bool:
     phrase, quality = condition.phrase, condition.quality
     quantity = phrase.quantity or (Quantity("all") if quality else Quantity("some", 1))
     is_no, bare = quantity.kind == "no", replace(phrase, quantity=None)
-    all_ = exemplars_of(select, list(fitting(bare)))
+    fits = with_chosen(select, bare)
+    all_ = exemplars_of(select, fits)
     if quality is None:
         return _is_count(len(all_), quantity) != condition.is_not
-    those = exemplars_of(select, [*fitting(bare), *fitting(quality, "quality")])
+    those = exemplars_of(select, [*fits, *fitting(quality, "quality")])
     if is_no or quantity.kind in ("some", "exactly", "at_most"):
         return _is_count(len(those), quantity) != condition.is_not
     if not all_:
         raise UsageError(f"the graph knows of no {phrase.text}, so that the condition is not known")
     rest = all_.keys() - those.keys()
-    stated = exemplars_of(select, [*fitting(bare), *_is_stated(quality)]) if rest else {}
+    stated = exemplars_of(select, [*fits, *_is_stated(quality)]) if rest else {}
     if rest - stated.keys():
         raise UsageError(
             f"whether {phrase.text} is {quality.text} is not known: nobody has stated it"

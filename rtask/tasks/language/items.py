@@ -44,6 +44,8 @@ class Items:
         self.named = tuple(names)
         self.furthest = 0
         """The first word that no rule has taken so far, for messages."""
+        self.expected: dict[int, set[str]] = {}
+        """Words that rules have looked for where they found another one."""
 
     def __len__(self) -> int:
         return len(self.words)
@@ -59,7 +61,10 @@ class Items:
     def is_verb(self, at: int, verbs: frozenset[str]) -> bool:
         """Return whether a word is a form of one of some verbs."""
         word = self.word(at)
-        return self._note(at, word in verbs or stem(word) in verbs)
+        fits = word in verbs or stem(word) in verbs
+        if not fits:
+            self.expected.setdefault(at, set()).update(verbs)
+        return self._note(at, fits)
 
     def ends(self, at: int, pattern: str) -> Iterator[int]:
         """Yield where a sequence of words that begins here may end.
@@ -86,10 +91,13 @@ class Items:
     def _fits(self, at: int, choice: str) -> bool:
         word = self.word(at)
         fits = word in CLASSES[choice] if choice in CLASSES else bool(word) and word == choice
+        if not fits:
+            self.expected.setdefault(at, set()).update(CLASSES.get(choice, (choice,)))
         return self._note(at, fits)
 
     def _note(self, at: int, fits: bool) -> bool:
-        self.furthest = max(self.furthest, at + fits)
+        if fits:
+            self.furthest = max(self.furthest, at + 1)
         return fits
 
     def name(self, at: int, *roles: str) -> Name | None:

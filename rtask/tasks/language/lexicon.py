@@ -5,15 +5,18 @@ from __future__ import annotations
 import re
 
 __all__ = [
-    "ADJECTIVES", "AWAY", "CLASSES", "GRASP", "MEASURES", "NUMBERS", "PUT", "SHARES", "TAKE",
-    "UNITS", "expanded",
+    "ADJECTIVES", "AWAY", "CLASSES", "GRASP", "MEASURES", "NUMBERS", "PUT", "SHARES", "STAYING",
+    "TAKE", "UNITS", "expanded",
 ]  # fmt: skip
 
 PUT = frozenset(
     ("move", "put", "bring", "place", "get", "carry", "store", "sort", "drop", "lay", "set", "hand",
      "pass", "fetch", "give", "grab", "take", "transfer", "relocate", "shift", "stick", "chuck",
      "pop", "transport", "deposit", "consolidate", "gather", "collect", "return", "throw",
-     "deliver", "pack", "send", "dump", "toss", "haul", "tuck", "stow", "stash")
+     "deliver", "pack", "send", "dump", "toss", "haul", "tuck", "stow", "stash", "ship", "ferry",
+     "cart", "lug", "shove", "plonk", "plop", "bung", "park", "position", "dispatch", "slide",
+     "convey", "drag", "rehome", "sling", "slip",
+     "redistribute", "group", "assemble", "bundle", "rest", "stand")
 )  # fmt: skip
 """Verbs after which things are somewhere else."""
 GRASP = frozenset(["hold", "grasp", "grip", "pick", "lift"])
@@ -26,6 +29,13 @@ NUMBERS = {
     "nine": 9, "ten": 10, "eleven": 11, "twelve": 12,
 }  # fmt: skip
 SHARES = {"half": 1 / 2, "third": 1 / 3, "quarter": 1 / 4}
+STAYING = (
+    "alone|untouched|unmoved|undisturbed|be|there", "in place", "in its|their place|places|spot",
+    "where|wherever it|they is|are currently|now?", "where|wherever it|they LIE",
+    "as it|they is|are", "just? there|here", "on|in it", "exactly where it|they is|are", "put",
+    "right? where it|they is|are", "at its|their place|places", "out", "behind",
+)  # fmt: skip
+"""What follows things that are to stay: "leave the jug where it is"."""
 MEASURES = {"mass": "rt:effectiveMass", "height": "rt:extentZ", "width": "rt:graspWidth",
             "size": ""}  # fmt: skip
 """Measures of things, with the property that has them; a size is the volume of the extents."""
@@ -64,27 +74,34 @@ CLASSES = {
         "POLITE": "please kindly just possibly simply also pls plz perhaps",
         "AGENT": "you u somebody someone anybody anyone",
         "NICE": "nice great good lovely kind helpful grateful glad happy thankful appreciated",
-        "STAY": "stay remain be lie stand sit rest left kept",
+        "STAY": "stay remain be lie stand sit rest left kept live",
         "LIE": "lie lies lying stand stands standing sit sits sitting located placed stored",
-        "PLACED": "put placed moved kept brought stored laid transferred shifted taken carried",
-        "WANT": "want need like love wish prefer",
+        "PLACED": "put placed moved kept brought stored laid transferred shifted taken carried "
+        "positioned relocated returned packed stowed loaded set dropped popped delivered sent "
+        "shipped sorted tidied gathered collected dumped located lying standing sitting",
+        "WANT": "want need like love wish prefer require",
         "INTO": "into onto to inside",
         "AT": "in on at inside upon",
         "OFF": "from off",
-        "THING": "thing things object objects item items stuff",
+        "THING": "thing things object objects item items stuff bits pieces goods articles "
+        "belongings gear bit piece article",
         "CONTAIN": "contains holds has",
         "EMPTY": "empty clear free cleared emptied",
-        "LATER": "then afterwards later next finally",
+        "LATER": "then afterwards later next finally lastly subsequently thereafter afterward",
     }.items()
 }
 """Classes of words by the name that grammars have for them."""
 _CONTRACTED = (
     (r"\bcan['’]t\b", "can not"), (r"\bwon['’]t\b", "will not"), (r"\bgimme\b", "give me"),
     (r"n['’]t\b", " not"), (r"\blet['’]s\b", "let us"), (r"\b(i|we)['’]d\b", r"\1 would"),
+    (r"\b(it|that|you|they)['’]d\b", r"\1 would"), (r"['’]ve\b", " have"),
+    (r"\b(that|what)s\b", r"\1 is"), (r"\b(do|does|did|is|are|was|were)nt\b", r"\1 not"),
     (r"['’]re\b", " are"), (r"['’]ll\b", " will"),
     (r"\b(it|that|there|what|whatever|who|where)['’]s\b", r"\1 is"),
 )  # fmt: skip
 _SPELT = (
+    (r"(?<=\s)[:;]-?[)D(P](?=\s|$)", ""), (r"\s+[-–—]+\s+", " , "),
+    (r"\b(?:the\s+)?(\w+(?:[ -]\w+)?)['’]s contents\b", r"the contents of the \1"),
     (r"->|=>|→", " : "), (r"(\d)\s*%", r"\1 percent"),
     (r"\b(\d+(?:\.\d+)?)(kg|g|cm|mm)\b", r"\1 \2"),
     # "the left or the right box" and "the box on the left" have the names of the places in them.
@@ -102,4 +119,7 @@ def expanded(text: str) -> str:
     """
     for pattern, replacement in (*_CONTRACTED, *_SPELT):
         text = re.sub(pattern, replacement, text, flags=re.I)
+    noun = re.search(r"\b(?:left|right) (?!one\b)(\w+)", text, flags=re.I)
+    if noun is not None:  # "the pens in the left box, the cups in the right one"
+        text = re.sub(r"\b(left|right) one\b", rf"\1 {noun[1]}", text, flags=re.I)
     return text

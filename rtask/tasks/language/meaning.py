@@ -46,8 +46,8 @@ class Quantity:
     Parameters
     ----------
     kind
-        all, some (at least so many), exactly, at_most, share (of all), no, or definite (all, of
-        which there are so many).
+        all, some (at least so many), exactly, at_most, share (of all), all_but (so many are left
+        out), no, or definite (all, of which there are so many).
     number
         So many; of a share, a fraction.
     total
@@ -65,6 +65,8 @@ class Quantity:
             return "all:"
         if self.kind == "some":
             return "one of:" if self.number == 1 else f"{self.number:g} of:"
+        if self.kind == "all_but":
+            return f"all but {self.number:g} of:"
         if self.kind == "share":
             return f"{self.number * 100:.0f} % of:"
         return f"{self.kind.replace('_', ' ')} {self.number:g} of:"
@@ -81,10 +83,30 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Superlative:
-    """That things have the most, or the least, of a measure."""
+    """That things have the most, or the least, of a measure.
+
+    Parameters
+    ----------
+    measure
+        One of :data:`~rtask.tasks.language.lexicon.MEASURES`, or "distance", or "seen": when they
+        were seen last.
+    to
+        From what a distance counts; None where that is still to be said.
+    """
 
     measure: str
     is_most: bool
+    to: Place | None = None
+
+    @property
+    def text(self) -> str:
+        """The words for it."""
+        if self.measure == "seen":
+            return "last seen" if self.is_most else "longest not seen"
+        if self.measure == "distance":
+            to = self.to.text if self.to is not None else "?"
+            return f"farthest from {to}" if self.is_most else f"nearest to {to}"
+        return f"{'most' if self.is_most else 'least'} {self.measure}"
 
 
 @dataclass(frozen=True)
@@ -171,8 +193,7 @@ class Phrase:
             return self.anaphor
         words = ["other"] * self.others
         if self.superlative is not None:
-            most = "most" if self.superlative.is_most else "least"
-            words.append(f"{most} {self.superlative.measure}")
+            words.append(self.superlative.text)
         for group in (self.traits, self.colours, self.materials):
             for names, is_not in group:
                 words.append("not " * is_not + " or ".join(name.text for name in names))
@@ -194,7 +215,8 @@ class Deed:
     Parameters
     ----------
     kind
-        put, hold, away (anywhere but where they are), back, swap, no (none may be there).
+        put, hold, away (anywhere but where they are), back, stay (where they are in the end), swap,
+        no (none may be there).
     source
         For away and no: where they may not be any more.
     partner

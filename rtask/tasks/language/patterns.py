@@ -13,7 +13,8 @@ from rtask.tasks.actions import Select
 from rtask.tasks.language.lexicon import MEASURES
 from rtask.tasks.language.meaning import Comparison, Name, Phrase, Place
 
-__all__ = ["EARLIER", "HAND", "destination", "elsewhere", "exemplars_of", "fitting", "measured"]
+__all__ = ["EARLIER", "HAND", "MAX_EXEMPLARS", "destination", "elsewhere", "exemplars_of",
+           "fitting", "value_of"]  # fmt: skip
 
 HAND = "?robot a cora:Robot ; rt:hasEndEffector ?place"
 EARLIER = """?was rt:placementOf ?thing ; rt:placedOn|rt:placedIn ?place ;
@@ -24,7 +25,7 @@ EARLIER = """?was rt:placementOf ?thing ; rt:placedOn|rt:placedIn ?place ;
 """That a place is the one where a thing was last, the present one and hands aside."""
 _UNMERGED = "FILTER NOT EXISTS { ?thing rt:mergedInto ?merged }"
 _OWN = {"rt:effectiveMass": "(rt:effectiveMass|rt:exemplarOf/rt:effectiveMass)"}
-_MAX_EXEMPLARS = 2000
+MAX_EXEMPLARS = 2000
 
 
 def fitting(phrase: Phrase, prefix: str = "subject") -> Iterator[str]:
@@ -115,10 +116,12 @@ def _located(place: Place, is_not: bool, variable: str) -> str:
 
 def _compared(comparison: Comparison, variable: str) -> str:
     sign = ">" if comparison.is_above else "<"
-    return f"{_value(comparison.measure, variable)} FILTER(?{variable} {sign} {comparison.value:e})"
+    value = value_of(comparison.measure, variable)
+    return f"{value} FILTER(?{variable} {sign} {comparison.value:e})"
 
 
-def _value(measure: str, variable: str) -> str:
+def value_of(measure: str, variable: str) -> str:
+    """Return the condition that ``?variable`` is a measure of ``?thing``."""
     prop = MEASURES[measure]
     if prop:
         return f"?thing {_OWN.get(prop, f'rt:exemplarOf/{prop}')} ?{variable}"
@@ -129,37 +132,11 @@ def _value(measure: str, variable: str) -> str:
     )
 
 
-def measured(select: Select, conditions: Sequence[str], measure: str) -> dict[Term, float]:
-    """Return a measure of each of some things.
-
-    Raises
-    ------
-    UsageError
-        It is not known of some of them, so that which has most of it is not known either.
-    """
-    where = " . ".join(conditions)
-    rows = select(
-        f"{PREFIXES}SELECT ?thing (MAX(?v) AS ?value) WHERE {{ {where} "
-        f"OPTIONAL {{ {_value(measure, 'v')} }} }} GROUP BY ?thing LIMIT {_MAX_EXEMPLARS}"
-    )
-    values: dict[Term, float] = {}
-    for row in rows:
-        thing, value = row["thing"], row.value("value")
-        assert thing is not None
-        if value is None:
-            raise UsageError(
-                f"the {measure} of {thing} is not known, so that it is not known which has the "
-                f"most or least: state it"
-            )
-        values[thing] = float(str(value))
-    return values
-
-
 def exemplars_of(select: Select, conditions: Sequence[str]) -> dict[Term, frozenset[Term]]:
     """Return each thing that fits, with the places where it is."""
     rows = select(
         f"{PREFIXES}SELECT DISTINCT ?thing ?now WHERE {{ {' . '.join(conditions)} "
-        f"OPTIONAL {{ ?thing rt:locatedOn ?now }} }} LIMIT {_MAX_EXEMPLARS}"
+        f"OPTIONAL {{ ?thing rt:locatedOn ?now }} }} LIMIT {MAX_EXEMPLARS}"
     )
     matches: dict[Term, set[Term]] = {}
     for row in rows:
@@ -176,8 +153,13 @@ def places_of(place: Place) -> list[Term]:
     return [term for name in place.names for term in _role(name, "place").terms]
 
 
-def destination(select: Select, target: Place) -> str:
+def destination(select: Select, target: Place, held: Sequence[str] = ()) -> str:
     """Return the condition that ``?place`` is one that a target allows.
+
+    Parameters
+    ----------
+    held
+        The conditions of what is there now, if the target says that.
 
     Raises
     ------
@@ -185,7 +167,7 @@ def destination(select: Select, target: Place) -> str:
         The target is where something is, and nobody knows where that is, or it is at several.
     """
     if target.holds is not None:
-        matches = exemplars_of(select, list(fitting(target.holds)))
+        matches = exemplars_of(select, held)
         places = {place for of in matches.values() for place in of}
         if len(places) != 1:
             raise UsageError(

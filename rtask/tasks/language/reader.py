@@ -15,23 +15,44 @@ from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.tasks.actions import Select
 from rtask.tasks.goals import MAX_TEXT, Aim
-from rtask.tasks.language.aims import aims_of, holds
+from rtask.tasks.language.aims import STAYS, aims_of, holds
+from rtask.tasks.language.grammar.sentences import Reading, readings
 from rtask.tasks.language.items import Items, read_items
 from rtask.tasks.language.lexicon import ADJECTIVES, CLASSES, GRASP, NUMBERS, PUT, expanded
 from rtask.tasks.language.meaning import Condition
-from rtask.tasks.language.sentences import Reading, readings
+from rtask.tasks.language.slips import MAX_SLIPS, mistyped
 from rtask.tasks.language.times import deadline_in
 
 __all__ = ["MAX_TEXT", "Understood", "read_goal"]
 
 _MAX_NAMES = 500
 _MAX_COMPARED = 12
-_BEYOND = ("next to", "beside", "between", "near", "behind", "in front of", "without")
+_AT_PLACES = (
+    "a goal brings things to places that have a name, into hands, and away from places: say 'the "
+    "pen where the jug is' for the same place, and 'the cup nearest to the jug' for one of several"
+)
+_BEYOND = {
+    **dict.fromkeys(
+        ("next to", "beside", "between", "near", "behind", "in front of", "left of", "right of",
+         "alongside", "underneath"), _AT_PLACES),
+    **dict.fromkeys(
+        ("nearest", "closest", "farthest", "furthest"),
+        "to what is not said, or not where it is understood: say 'the cup nearest to panda-1 into "
+        "the left box', with a thing, robot or place by its name"),
+    **dict.fromkeys(
+        ("my", "your", "his", "her", "their", "mine", "yours"),
+        "whose a thing is the graph does not say: name it, or say what it is like"),
+    **dict.fromkeys(
+        ("without", "do not", "never", "avoid"),
+        "what may not be done is no goal, as robots move what is in their way: say how things are "
+        "to be in the end, such as 'leave the jug where it is' or 'no cup may stay on the table'"),
+}  # fmt: skip
+"""Words that no goal has, with what to say instead."""
 _VOCABULARY = frozenset().union(*CLASSES.values(), PUT, GRASP, ADJECTIVES, NUMBERS)
 
 
-_Meaning = tuple[frozenset[tuple[str, ...]], int | None, int, bool]
-"""What fits a goal, for how many, its stage, and whether it is about the rest."""
+_Meaning = tuple[frozenset[tuple[str, ...]], int | None, int, bool, bool]
+"""What fits a goal, for how many, its stage, whether about the rest, and whether it is to stay."""
 
 
 @dataclass(frozen=True)
@@ -78,12 +99,35 @@ def read_goal(
     if not text.strip() or len(text) > MAX_TEXT:
         raise UsageError(f"a goal has 1 to {MAX_TEXT} characters, not {len(text)}")
     plain, deadline = deadline_in(text, now or datetime.datetime.now(datetime.UTC))
-    items = read_items(select, expanded(plain), base)
+    understood = _read(select, expanded(plain), base, MAX_SLIPS)
+    return replace(understood, deadline=deadline)
+
+
+def _read(select: Select, text: str, base: str, slips: int) -> Understood:
+    """Return what a text says, with at most so many words that are mistyped.
+
+    Raises
+    ------
+    UsageError
+        No goal can be read in it, or several that differ.
+    UnknownTermError
+        A word means nothing here.
+    """
+    items = read_items(select, text, base)
     ways = readings(items)
     if not ways:
-        raise _not_understood(select, items)
+        names = _names(select)
+        slip = mistyped(items, names) if slips else None
+        if slip is not None:
+            try:
+                understood = _read(select, slip.corrected(text), base, slips - 1)
+            except UsageError:
+                raise _not_understood(items, names) from None
+            return replace(understood, remarks=(slip.remark, *understood.remarks))
+        raise _not_understood(items, names)
     matches: dict[frozenset[_Meaning], Understood] = {}
     void: dict[frozenset[_Meaning], Understood] = {}
+    torn: dict[frozenset[_Meaning], Understood] = {}
     errors: list[UsageError] = []
     for way in ways[:_MAX_COMPARED]:
         try:
@@ -92,15 +136,20 @@ def read_goal(
             errors.append(error)
             continue
         meaning = _meaning(select, understood)
+        if _is_torn(meaning):
+            torn.setdefault(meaning, understood)
+            continue
+        # What stays as it is adds nothing to what is to be done.
+        meaning = frozenset(item for item in meaning if not item[-1])
         # Nobody speaks of "the cups on the shelf" where none is there, if it can mean else.
         is_void = any(not ways for ways, *_ in meaning)
         (void if is_void else matches).setdefault(meaning, understood)
-    matches = matches or void
+    matches = matches or void or torn
     if not matches:
         raise errors[0]
     if len(matches) > 1 or errors or len(ways) > _MAX_COMPARED:
         raise _ambiguous(text, list(matches.values()), errors)
-    return replace(next(iter(matches.values())), deadline=deadline)
+    return next(iter(matches.values()))
 
 
 def _understood(select: Select, way: Reading) -> Understood:
@@ -137,8 +186,21 @@ def _meaning(select: Select, understood: Understood) -> frozenset[_Meaning]:
         rows = select(f"{PREFIXES}{aim.sparql}")
         ways = frozenset(tuple(str(row[name]) for name in aim.variables) for row in rows)
         number = None if aim.number is not None and _takes_all(aim, ways) else aim.number
-        meanings.append((ways, number, aim.stage, aim.others))
+        meanings.append((ways, number, aim.stage, aim.others, aim.text.endswith(STAYS)))
     return frozenset(meanings)
+
+
+def _is_torn(meaning: frozenset[_Meaning]) -> bool:
+    """Return whether what is to stay where it is would be taken elsewhere as well."""
+    staying = {way for ways, *_, others, is_staying in meaning if is_staying and not others
+               for way in ways}  # fmt: skip
+    for ways, number, *_, is_staying in meaning:
+        if is_staying or number is not None:
+            continue
+        moved = {way[0] for way in ways}
+        if any(way[0] in moved and way not in ways for way in staying):
+            return True
+    return False
 
 
 def _takes_all(aim: Aim, ways: frozenset[tuple[str, ...]]) -> bool:
@@ -156,16 +218,25 @@ def _ambiguous(
     )
 
 
-def _not_understood(select: Select, items: Items) -> UsageError | UnknownTermError:
+def _names(select: Select) -> set[str]:
+    """Return names of things, places and robots, and of kinds of things."""
+    rows = select(
+        f"{PREFIXES}SELECT DISTINCT ?name WHERE {{ {{ ?x rt:name ?name . "
+        "{ ?x a rt:ManipulableObject } UNION { ?x a rt:SupportSurface } UNION { ?x a cora:Robot } "
+        "} UNION { ?k rdfs:subClassOf+ rt:ManipulableObject ; rdfs:label ?name } } "
+        f"LIMIT {_MAX_NAMES}"
+    )
+    return {str(row.value("name")) for row in rows}
+
+
+def _not_understood(items: Items, names: set[str]) -> UsageError | UnknownTermError:
     at = min(items.furthest, len(items) - 1)
     word = items.word(at)
     listed = _listed(items)
-    beyond = next((words for words in _BEYOND if f" {words} " in f" {' '.join(items.words)} "), "")
+    spoken = f" {' '.join(items.words)} "
+    beyond = next((words for words in _BEYOND if f" {words} " in spoken), "")
     if beyond:
-        return UsageError(
-            f"{beyond!r} is nothing that a goal can ask for: what robots do brings things to "
-            "places, into hands, and away from places"
-        )
+        return UsageError(f"{beyond!r}: {_BEYOND[beyond]}; understood: {listed}")
     if items.furthest >= len(items):
         return UsageError(
             f"{items.text(0, len(items))!r} does not say where to, or not clearly; understood: "
@@ -178,13 +249,6 @@ def _not_understood(select: Select, items: Items) -> UsageError | UnknownTermErr
             f"{word!r} after {items.text(0, at)!r} is not understood where it stands; understood: "
             f"{listed}"
         )
-    rows = select(
-        f"{PREFIXES}SELECT DISTINCT ?name WHERE {{ {{ ?x rt:name ?name . "
-        "{ ?x a rt:ManipulableObject } UNION { ?x a rt:SupportSurface } UNION { ?x a cora:Robot } "
-        "} UNION { ?k rdfs:subClassOf+ rt:ManipulableObject ; rdfs:label ?name } } "
-        f"LIMIT {_MAX_NAMES}"
-    )
-    names = {str(row.value("name")) for row in rows}
     near = difflib.get_close_matches(word, sorted(names), n=3, cutoff=0.5)
     hint = f"; the nearest names are {', '.join(near)}" if near else ""
     return UnknownTermError(

@@ -12,13 +12,14 @@ __all__ = ["deadline_in"]
 
 _UNITS = {"second": 1, "minute": 60, "hour": 3600}
 _SPAN = re.compile(
-    r",?\s*\b(?:within|in)\s+(?:the next\s+)?(?P<number>\w+)\s+(?P<unit>second|minute|hour)s?\b",
+    r",?\s*\b(?:within|in)\s+(?:the next\s+)?(?P<number>half an|\w+)\s+"
+    r"(?P<unit>second|minute|hour)s?\b",
     re.I,
 )
 _CLOCK = re.compile(
     r",?\s*\b(?:by|before)\s+(?:(?P<date>\d{4}-\d\d-\d\d)[T\s]+)?"
     r"(?P<hour>noon|midnight|\d{1,2})(?:[:.](?P<minute>\d\d))?(?:[:](?P<second>\d\d))?"
-    r"\s*(?P<half>am|pm|o['’]clock)?\s*(?P<zone>UTC|GMT|Z|[+-]\d\d:?\d\d)?(?=[\s,.;!]|$)",
+    r"\s*(?P<half>am|pm|o['’]clock)?\s*(?P<zone>UTC|GMT|Z|CEST|CET|EEST|EET|WEST|WET|[ECMP][SD]T|[+-]\d\d:?\d\d)?(?=[\s,.;!]|$)",
     re.I,
 )
 _OTHER = re.compile(
@@ -27,6 +28,11 @@ _OTHER = re.compile(
     r"\b(?:at|until|till|after|from)\s+(?:\d{1,2}[:.]\d\d|\d{1,2}\s?(?:am|pm)|noon|midnight)\b",
     re.I,
 )
+_ZONES = {
+    "CET": 1, "CEST": 2, "EET": 2, "EEST": 3, "WET": 0, "WEST": 1, "EST": -5, "EDT": -4, "CST": -6,
+    "CDT": -5, "MST": -7, "MDT": -6, "PST": -8, "PDT": -7,
+}  # fmt: skip
+"""Hours from UTC of RFC 5322, 4.3, and of Europe; BST and IST mean two zones each."""
 _HOW = (
     "say it with date and time zone: 'by 2026-12-01 12:00 UTC', 'within 20 minutes', or "
     "--deadline 2026-12-01T12:00:00Z with --store"
@@ -69,7 +75,10 @@ def deadline_in(text: str, now: datetime.datetime) -> tuple[str, datetime.dateti
 
 def _span_end(match: re.Match[str], now: datetime.datetime) -> datetime.datetime:
     word = match["number"].lower()
-    number = {"a": 1, "an": 1}.get(word) or NUMBERS.get(word) or (word.isdecimal() and int(word))
+    if word == "half an" and match["unit"].lower() == "hour":
+        return now + datetime.timedelta(minutes=30)
+    number = {"a": 1, "an": 1, "the": 1}.get(word) or NUMBERS.get(word)
+    number = number or (word.isdecimal() and int(word))
     if not number or number > 10_000:
         raise UsageError(f"{match[0].strip()!r}: so long is not understood; {_HOW}")
     return now + datetime.timedelta(seconds=number * _UNITS[match["unit"].lower()])
@@ -84,7 +93,9 @@ def _clock_time(match: re.Match[str], now: datetime.datetime) -> datetime.dateti
     half = (match["half"] or "").lower()
     if half in ("am", "pm"):
         hour = hour % 12 + 12 * (half == "pm") if 1 <= hour <= 12 else 99
-    offset = match["zone"] if match["zone"][0] in "+-" else "+00:00"
+    zone = match["zone"].upper()
+    hours = _ZONES.get(zone, 0)
+    offset = zone if zone[0] in "+-" else f"{'-' if hours < 0 else '+'}{abs(hours):02}:00"
     date = match["date"] or now.date().isoformat()
     try:
         when = datetime.datetime.fromisoformat(

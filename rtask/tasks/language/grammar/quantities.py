@@ -13,7 +13,8 @@ __all__ = ["Quantities"]
 
 _ALL = Quantity("all")
 _COUNTED = (
-    ("exactly|precisely", "exactly"), ("at least", "some"), ("at most", "at_most"),
+    ("exactly|precisely", "exactly"), ("at least", "some"), ("a minimum of", "some"),
+    ("no fewer|less than", "some"), ("a maximum of", "at_most"), ("at most", "at_most"),
     ("no more than", "at_most"), ("not more than", "at_most"),
 )  # fmt: skip
 
@@ -41,11 +42,17 @@ class Quantities:
                 yield Phrase(quantity=Quantity("definite", number)), after
         for end in ends(at, "any|a|an"):
             yield Phrase(quantity=Quantity("some", 1)), end
-        for end in ends(at, "any of DET"):
+        for end in (*ends(at, "any of DET"), *ends(at, "either of DET"), *ends(at, "either")):
             yield Phrase(quantity=Quantity("some", 1)), end
         yield from self._counted(at)
-        for end in ends(at, "no"):
-            yield Phrase(quantity=Quantity("no")), end
+        for pattern in ("all but", "all|everything except|bar"):
+            for start in ends(at, pattern):
+                for number, end in self.numbers(start):
+                    for after in (end, *ends(end, "of DET"), *ends(end, "of all|our DET?")):
+                        yield Phrase(quantity=Quantity("all_but", number)), after
+        for pattern in ("no", "none|neither of DET", "not one|any of DET"):
+            for end in ends(at, pattern):
+                yield Phrase(quantity=Quantity("no")), end
         for pattern in ("DET other|remaining", "all the? other|remaining", "DET rest of DET?",
                         "DET other half of? DET?"):  # fmt: skip
             for end in ends(at, pattern):

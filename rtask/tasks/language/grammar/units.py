@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from rtask.tasks.language.clauses import Clause
+from rtask.tasks.language.grammar.clause import Clause
 from rtask.tasks.language.meaning import Condition, Deed, Phrase, Place, Quantity
 
 __all__ = ["Resolved", "Unit", "Units", "is_separate", "resolved_deeds"]
@@ -61,7 +61,10 @@ def resolved_deeds(units: Units) -> Resolved | None:
             done = _in_place(replace(deed, phrase=phrase), unit, resolved) if phrase else None
             if done is None or not _is_sensible(done):
                 return None
-            done, conditions = _each(done, unit.conditions)
+            named = _with_places(done, unit.conditions)
+            if named is None:
+                return None
+            done, conditions = _each(done, named)
             for first in _first_ones(done, unit.firsts) or ():
                 resolved.append((replace(first, stage=stage), conditions))
             stage += bool(unit.firsts)
@@ -256,6 +259,20 @@ def _in_place(deed: Deed, unit: Unit, resolved: Sequence[tuple[Deed, object]]) -
     return replace(deed, target=next(iter(asked))) if len(asked) == 1 else None
 
 
+def _with_places(deed: Deed, conditions: _Conditions) -> _Conditions | None:
+    """Return conditions in which "it" is the place that a deed empties: "unless it is empty"."""
+    result = []
+    for condition, is_due in conditions:
+        if condition.place is not None and condition.place.anaphor:
+            sources = {place for place, is_not in deed.phrase.places if not is_not}
+            sources |= {deed.source} if deed.source is not None else set()
+            if len(sources) != 1:
+                return None
+            condition = replace(condition, place=next(iter(sources)))
+        result.append((condition, is_due))
+    return tuple(result)
+
+
 def _each(
     deed: Deed, conditions: tuple[tuple[Condition, bool], ...]
 ) -> tuple[Deed, tuple[tuple[Condition, bool], ...]]:
@@ -286,6 +303,8 @@ def _is_sensible(deed: Deed) -> bool:
             return False
         if not (phrase.heads or phrase.is_generic):
             return False
+        if any(_is_from_nowhere(item) for item in (phrase, *phrase.left_out)):
+            return False
         inner = [place for place, _ in phrase.places]
         if any(place.anaphor or place.holds is not None for place in inner):
             return False
@@ -297,11 +316,20 @@ def _is_sensible(deed: Deed) -> bool:
         return False
     if deed.kind == "put" and deed.target is None:
         return False
+    held = deed.target.holds if deed.target is not None else None
+    if held is not None and (held.anaphor or held.is_elided):  # "where it is" is no place to go
+        return False
     if deed.target is not None and deed.target.names and not deed.target.names[0].role("place"):
         # "cup-1 on the can": neither of them is a place.
         return deed.target.names[0].role("robot") is not None or _carries(deed.target)
     return not (deed.source is not None and not all(
         name.role("place") for name in deed.source.names))  # fmt: skip
+
+
+def _is_from_nowhere(phrase: Phrase) -> bool:
+    """Return whether things are to be the nearest, but to what is not said."""
+    most = phrase.superlative
+    return most is not None and most.measure == "distance" and most.to is None
 
 
 def _carries(place: Place) -> bool:

@@ -11,17 +11,18 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 from rtask.errors import UsageError
-from rtask.tasks.language.clauses import Clause, Clauses
-from rtask.tasks.language.frames import courtesies
+from rtask.tasks.language.grammar.clause import Clause
+from rtask.tasks.language.grammar.clauses import Clauses
+from rtask.tasks.language.grammar.frames import courtesies
+from rtask.tasks.language.grammar.units import Unit, Units, is_separate, resolved_deeds
 from rtask.tasks.language.items import Items
 from rtask.tasks.language.lexicon import CLASSES
 from rtask.tasks.language.meaning import Condition, Deed, Phrase, Quantity
-from rtask.tasks.language.units import Unit, Units, is_separate, resolved_deeds
 
 __all__ = ["Reading", "Unclear", "readings"]
 
 _MAX_READINGS = 2000
-_STOPS = (";", ".", "!")
+_STOPS = (";", ".", "!", "?")
 
 
 class Unclear(UsageError):
@@ -87,6 +88,10 @@ class _Program:
     ) -> Iterator[Units]:
         items = self.items
         if all(word in (*_STOPS, ",", "?") for word in items.words[at:]):
+            yield units
+            return
+        begin = next((n for n in range(at, len(items)) if items.word(n) not in (*_STOPS, ",")), at)
+        if len(items) in courtesies(items, begin):  # "...? Thanks"
             yield units
             return
         for end, is_stop in self._separators(at):
@@ -170,8 +175,11 @@ class _Program:
                         both = (*unit.conditions, (condition, is_due))
                         yield (replace(unit, conditions=both),), end
         for start in ends(at, ",? before you?"):
-            for clause, end in self.clauses.clauses(start):
+            for clause, end in self._finished(start):
                 yield (unit, Unit(clause, True, unit.conditions)), end
+        for start in (*ends(at, ",? after|once|when"), *ends(at, ",? as soon as")):
+            for clause, end in self._reached(start):
+                yield (Unit(clause, False, unit.conditions), replace(unit, is_later=True)), end
         for start in ends(at, ",? starting|beginning with"):
             for phrases, end in self.clauses.phrases.lists(start):
                 yield (replace(unit, firsts=phrases),), end
@@ -189,9 +197,13 @@ class _Program:
     ) -> Iterator[tuple[Units, int]]:
         """Yield "before you clear the table, put the jug away" and its like."""
         ends = self.items.ends
-        for pattern, is_before in (("before you?", True), ("after|once you?", False)):
+        for pattern, is_before in (
+            ("before you?", True),
+            ("after|once|when you?", False),
+            ("as soon as you?", False),
+        ):
             for start in ends(at, pattern):
-                for clause, end in self._finished(start, is_before):
+                for clause, end in self._finished(start):
                     for other, after in self._consequences(end):
                         first, second = (other, clause) if is_before else (clause, other)
                         yield (Unit(first, False, conditions),
@@ -202,16 +214,19 @@ class _Program:
                     for clause, after in self.clauses.clauses(begin):
                         yield (Unit(clause, False, conditions, phrases),), after
 
-    def _finished(self, at: int, is_before: bool) -> Iterator[tuple[Clause, int]]:
+    def _finished(self, at: int) -> Iterator[tuple[Clause, int]]:
         """Yield a deed, or the state that is there once it is done: "the cans are in the box"."""
         yield from self.clauses.clauses(at)
-        if not is_before:
-            for phrases, end in self.clauses.phrases.lists(at):
-                for start in self.items.ends(end, "is|are"):
-                    for place, after in self.clauses.phrases.destinations(start):
-                        deeds = tuple(Deed("put", phrase, place) for phrase in phrases)
-                        yield Clause(deeds, has_verb=True), after
-            for place, end in self.clauses.phrases.places(at):
-                for after in self.items.ends(end, "is|has been? EMPTY"):
-                    everything = Phrase(is_generic=True, is_plural=True, quantity=Quantity("all"))
-                    yield Clause((Deed("away", everything, source=place),), has_verb=True), after
+        yield from self._reached(at)
+
+    def _reached(self, at: int) -> Iterator[tuple[Clause, int]]:
+        """Yield a state that is to be reached: "the cans are in the box", "the table is clear"."""
+        for phrases, end in self.clauses.phrases.lists(at):
+            for start in self.items.ends(end, "is|are PLACED?"):
+                for place, after in self.clauses.phrases.destinations(start):
+                    deeds = tuple(Deed("put", phrase, place) for phrase in phrases)
+                    yield Clause(deeds, has_verb=True), after
+        for place, end in self.clauses.phrases.places(at):
+            for after in self.items.ends(end, "is|has been? EMPTY"):
+                everything = Phrase(is_generic=True, is_plural=True, quantity=Quantity("all"))
+                yield Clause((Deed("away", everything, source=place),), has_verb=True), after

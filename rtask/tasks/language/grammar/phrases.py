@@ -9,18 +9,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from rtask.tasks.language.grammar.superlatives import Superlatives
 from rtask.tasks.language.items import Items
-from rtask.tasks.language.lexicon import ADJECTIVES, CLASSES, UNITS
-from rtask.tasks.language.meaning import Comparison, Name, Phrase, Place, Quantity, Superlative
-from rtask.tasks.language.quantities import Quantities
+from rtask.tasks.language.lexicon import ADJECTIVES, CLASSES, STAYING
+from rtask.tasks.language.meaning import Name, Phrase, Place, Quantity
 
 __all__ = ["Phrases"]
 
 _NOUN_ROLES = ("kind", "object", "thing")
 _ALL = Quantity("all")
+_GOING = frozenset(("go", "be", "live", "stay", "remain"))
 _EXCEPT = ("except for", "apart from", "other than", "excluding", "but not", "save for", "but",
-           "aside from", "with the exception of", "except", "bar", "excepting")  # fmt: skip
-_ABOVE = (("above|over", True), ("more than", True), ("below|under", False), ("less than", False))
+           "aside from", "with the exception of", "except", "bar", "excepting", "not", "and not",
+           "but|and leave|keep", "while leaving", "leaving")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -34,13 +35,12 @@ class _Read:
     is_from: bool = False
 
 
-class Phrases(Quantities):
+class Phrases(Superlatives):
     """Rules for phrases in the words of one goal."""
 
     def __init__(self, items: Items) -> None:
         super().__init__(items)
         self._read: dict[int, list[_Read]] = {}
-        self._places: dict[int, list[tuple[Place, int]]] = {}
 
     def qualities(self, at: int) -> Iterator[tuple[Phrase, int]]:
         """Yield what things can be said to be: in or on a place, or what they are like."""
@@ -56,7 +56,7 @@ class Phrases(Quantities):
                 less = tuple(replace(item, left_out=left_out) for item in phrases)
                 yield less, after
                 # "everything except the cups on the table": the cups there, or what is there?
-                for place, last in self._at(after, "AT"):
+                for place, last in self.at_places(after, "AT"):
                     yield tuple(replace(p, places=(*p.places, (place, False))) for p in less), last
 
     def _coordinated(self, at: int) -> Iterator[tuple[tuple[Phrase, ...], int]]:
@@ -112,6 +112,8 @@ class Phrases(Quantities):
             for pattern in _EXCEPT:
                 if pattern == "but" and not is_all:
                     continue
+                if pattern == "not" and start == at:  # "the cups, not the pens"
+                    continue
                 for begin in self.items.ends(start, pattern):
                     for left_out, end in self._coordinated(begin):
                         named = [self._with_head(item, of) for item in left_out]
@@ -125,6 +127,9 @@ class Phrases(Quantities):
                         yield out, end
                         if start > at:
                             yield from ((out, after) for after in self.items.ends(end, ","))
+                        if "leav" in pattern:
+                            yield from ((out, after) for tail in STAYING
+                                        for after in self.items.ends(end, tail))  # fmt: skip
 
     def _with_head(self, phrase: Phrase, of: tuple[Phrase, ...]) -> Phrase | None:
         """Return "the red one" with the noun that it stands for; None where that is not known."""
@@ -144,7 +149,7 @@ class Phrases(Quantities):
     def _phrases(self, at: int) -> list[_Read]:
         if at not in self._read:
             self._read[at] = []  # what would begin with itself is no phrase
-            matches = [*self._nominal(at), *self._pronouns(at)]
+            matches = [*self._nominal(at), *self._pronouns(at), *self._whichever(at)]
             self._read[at] = list(dict.fromkeys(matches))
         return self._read[at]
 
@@ -152,6 +157,10 @@ class Phrases(Quantities):
         for start, end in self.quantified(at):
             for described, after in self._described(start, end):
                 for core, last in self._noun(described, after):
+                    if self.items.word(at) == "any" and core.is_plural and end == at + 1 and (
+                        not core.is_elided
+                    ):  # "any cups on the table"  # fmt: skip
+                        core = replace(core, quantity=_ALL)
                     if not _is_sound(core):
                         continue
                     is_bare = end == at and not described.is_described
@@ -159,25 +168,39 @@ class Phrases(Quantities):
                         is_from = "from" in self.items.words[last:stop]
                         yield _Read(core, phrase, stop, is_bare, is_from)
 
+    def _whichever(self, at: int) -> Iterator[_Read]:
+        """Yield "whichever bottle is the heaviest"."""
+        for start in self.whichever(at):
+            for described, end in self._described(Phrase(), start):
+                for core, after in self._noun(described, end):
+                    for single, last in self.chosen(core, after):
+                        yield _Read(single, single, last, False)
+
     def _described(self, phrase: Phrase, at: int) -> Iterator[tuple[Phrase, int]]:
         """Yield a phrase with the adjectives that stand here."""
         yield phrase, at
-        word = self.items.word(at)
-        if word.endswith("est") and word in ADJECTIVES and phrase.superlative is None:
-            superlative = Superlative(*ADJECTIVES[word])
+        if phrase.superlative is None and phrase.is_definite:
+            for superlative, after in self.comparatives(at):  # "the heavier can" of two
+                of_two = replace(phrase, superlative=superlative, quantity=Quantity("some", 1, 2))
+                yield from self._described(of_two, after)
+        for superlative, after in self.superlatives(at) if phrase.superlative is None else ():
             most = replace(phrase, superlative=superlative)
-            yield from self._described(most, at + 1)
-            for end in self.items.ends(at + 1, "of DET"):
+            yield from self._described(most, after)
+            for end in self.items.ends(after, "of DET"):
                 single = most.quantity or Quantity("some", 1)
                 yield from self._described(replace(most, quantity=single), end)
         for described, end in self._quality(phrase, at, is_not=False):
             yield from self._described(described, end)
+        use = self.items.name(at, "use")
+        if use is not None and not phrase.heads:  # "drinking cups"
+            yield from self._described(replace(phrase, heads=(use,)), use.mentions[0].end)
 
     def _quality(self, phrase: Phrase, at: int, is_not: bool) -> Iterator[tuple[Phrase, int]]:
         """Yield a phrase with the colour, material or trait that stands here."""
         for names, end in self._alternatives(at, "colour"):
             single = replace(phrase, colours=(*phrase.colours, (names, is_not)))
             yield single, end
+            yield from ((single, after) for after in self.items.ends(end, "coloured|colored"))
             for after in self.items.ends(end, "and"):  # what is red and blue at once
                 second = self.items.name(after, "colour")
                 if second is not None:
@@ -207,10 +230,14 @@ class Phrases(Quantities):
         name = self.items.name(at, *_NOUN_ROLES)
         if name is not None:
             end = name.mentions[0].end
-            yield replace(phrase, heads=(name,), is_plural=name.is_plural), end
+            yield replace(phrase, heads=(*phrase.heads, name), is_plural=name.is_plural), end
+            for either, after in self._either(phrase, name):
+                single = phrase.quantity or Quantity("some", 1)
+                yield replace(phrase, heads=(either,), quantity=single, is_definite=False,
+                              is_plural=name.is_plural), after  # fmt: skip
             second = self.items.name(end, *_NOUN_ROLES)
-            if second is not None:
-                heads, last = (name, second), second.mentions[0].end
+            if second is not None and not self._is_modal(end):
+                heads, last = (*phrase.heads, name, second), second.mentions[0].end
                 yield replace(phrase, heads=heads, is_plural=second.is_plural), last
         word = self.items.word(at)
         if word in CLASSES["THING"]:
@@ -222,7 +249,34 @@ class Phrases(Quantities):
             yield replace(phrase, is_elided=True, is_plural=word == "ones"), at + 1
         elif phrase.is_described or phrase.others or _is_counted(phrase.quantity):
             # "the red and the blue cups", "two into the left box": the noun is elsewhere.
-            yield replace(phrase, is_elided=True, is_plural=True), at
+            is_most = phrase.superlative is not None and phrase.quantity is None
+            yield replace(phrase, is_elided=True, is_plural=not is_most), at
+
+    def _is_modal(self, at: int) -> bool:
+        """Return whether "can" is a verb: "the jug can go", not "the beer can"."""
+        return self.items.word(at) == "can" and self.items.word(at + 1) in _GOING
+
+    def _either(self, phrase: Phrase, name: Name) -> Iterator[tuple[Name, int]]:
+        """Yield "(two) cups or cans", "(a) cup or a can", "(the) jug or the ball" as one name.
+
+        "Cups or pens" without a number may be all of either: that is for whoever says it to decide.
+        """
+        is_single = phrase.quantity == Quantity("some", 1)
+        is_named = phrase.quantity is None and name.role("kind") is None
+        if is_single or is_named:
+            pattern = "or a|an|one" if is_single else "or the?"
+        elif _is_counted(phrase.quantity) or phrase.quantity == _ALL:
+            pattern = "or"
+        else:
+            return
+        end = name.mentions[0].end
+        for start in (*self.items.ends(end, pattern), *self.items.ends(end, "or" * is_single)):
+            other = self.items.name(start, *_NOUN_ROLES)
+            if other is None or (is_named and other.role("kind") is not None) or start == end:
+                continue
+            text = f"{name.text} or {other.text}"
+            both = tuple(replace(m, text=text) for m in (*name.mentions, *other.mentions))
+            yield Name(both), other.mentions[0].end
 
     def _useful(self, phrase: Phrase, at: int) -> Iterator[tuple[Phrase, int]]:
         """Yield a phrase with what its things are for: "something to drink from"."""
@@ -263,7 +317,7 @@ class Phrases(Quantities):
                         "all that BE|LIE", "everything there is"):  # fmt: skip
             for end in ends(at, pattern):
                 phrase = replace(everything, others="rest" in self.items.text(at, end))
-                for place, after in self._at(end, "AT"):
+                for place, after in self.at_places(end, "AT"):
                     yield _Read(phrase, replace(phrase, places=((place, False),)), after, False)
         for end in ends(at, "it|them|they|these|those"):
             phrase = Phrase(anaphor=self.items.word(at))
@@ -281,10 +335,15 @@ class Phrases(Quantities):
     def _modifier(self, phrase: Phrase, at: int) -> Iterator[tuple[Phrase, int]]:
         ends = self.items.ends
         for start in (at, *ends(at, "LIE")):
-            for place, end in self._at(start, "AT"):
+            for place, end in self.at_places(start, "AT"):
                 yield replace(phrase, places=(*phrase.places, (place, False))), end
-        for place, end in self._at(at, "from|of"):
+        for place, end in self.at_places(at, "from|of"):
             yield replace(phrase, places=(*phrase.places, (place, False))), end
+            for start in ends(end, "and|or from?"):  # "from the table and from the left box"
+                for other, after in self.places(start):
+                    both = _any_of(place, other)
+                    if both is not None:
+                        yield replace(phrase, places=(*phrase.places, (both, False))), after
         for start in ends(at, ",? that|which|who BE|LIE"):
             for end in ends(start, "still|currently|now?"):
                 resolved = [*self._predicate(phrase, end, is_not=False)]
@@ -298,20 +357,19 @@ class Phrases(Quantities):
             for start in ends(at, pattern):
                 for names, end in self._alternatives(start, "material"):
                     yield replace(phrase, materials=(*phrase.materials, (names, False))), end
-        yield from self._measured(phrase, at)
-        for pattern in ("that weigh|weighs", "which weigh|weighs", "weighing",
-                        "with a mass|weight of?"):  # fmt: skip
-            for start in ends(at, pattern):
-                for above, is_above in _ABOVE:
-                    for end in ends(start, above):
-                        yield from self._value(phrase, end, "mass", is_above)
+        yield from self.compared(phrase, at)
+        yield from self.superlative_after(phrase, at)
+        if phrase.quantity == _ALL:  # "all cups but one"
+            for start in ends(at, ",? but|except|bar|minus"):
+                for number, end in self.numbers(start):
+                    yield replace(phrase, quantity=Quantity("all_but", number)), end
         if phrase.heads and not phrase.colours:  # "the cup red", as in many languages
             for names, end in self._alternatives(at, "colour"):
                 yield replace(phrase, colours=((names, False),)), end
 
     def _predicate(self, phrase: Phrase, at: int, is_not: bool) -> Iterator[tuple[Phrase, int]]:
         """Yield a phrase of which a relative clause says what its things are, or are not."""
-        for place, end in self._at(at, "AT"):
+        for place, end in self.at_places(at, "AT"):
             yield replace(phrase, places=(*phrase.places, (place, is_not))), end
         yield from self._quality(phrase, at, is_not)
         if not is_not:
@@ -321,13 +379,19 @@ class Phrases(Quantities):
             for names, end in self._alternatives(start, "material"):
                 yield replace(phrase, materials=(*phrase.materials, (names, is_not))), end
         if not is_not:
-            yield from self._measured(phrase, at)
+            yield from self.compared(phrase, at)
             return
         for start in self.items.ends(at, "a|an?"):
             name = self.items.name(start, "kind")
             if name is not None:
                 end = name.mentions[0].end
-                yield replace(phrase, kinds_not=(*phrase.kinds_not, name)), end
+                without = replace(phrase, kinds_not=(*phrase.kinds_not, name))
+                yield without, end
+                for after in self.items.ends(end, "or|nor a|an?"):  # "is not a cup or a can"
+                    other = self.items.name(after, "kind")
+                    if other is not None:
+                        kinds = (*without.kinds_not, other)
+                        yield replace(phrase, kinds_not=kinds), other.mentions[0].end
 
     def _neither(self, phrase: Phrase, at: int) -> Iterator[tuple[Phrase, int]]:
         """Yield a phrase whose things are "(neither) red nor blue", "(neither) cups nor cans"."""
@@ -340,96 +404,12 @@ class Phrases(Quantities):
                 if len(names) > 1:
                     yield _without(phrase, role, names), end
 
-    def _measured(self, phrase: Phrase, at: int) -> Iterator[tuple[Phrase, int]]:
-        word = self.items.word(at)
-        if word in ADJECTIVES and word.endswith("er"):
-            measure, is_above = ADJECTIVES[word]
-            for end in self.items.ends(at + 1, "than"):
-                yield from self._value(phrase, end, measure, is_above)
-        for pattern, is_above in _ABOVE:
-            for end in self.items.ends(at, pattern):
-                # Without an adjective only a mass is clear: 5 cm may be any of three sides.
-                yield from self._value(phrase, end, "mass", is_above)
 
-    def _value(
-        self, phrase: Phrase, at: int, measure: str, is_above: bool
-    ) -> Iterator[tuple[Phrase, int]]:
-        word, unit = self.items.word(at), UNITS.get(self.items.word(at + 1))
-        number = word.replace(",", ".")
-        if unit is None or not number.replace(".", "", 1).isdecimal():
-            return
-        dimension, factor = unit
-        if dimension == ("mass" if measure == "mass" else "length") and measure != "size":
-            comparison = Comparison(measure, is_above, float(number) * factor)
-            yield replace(phrase, comparisons=(*phrase.comparisons, comparison)), at + 2
-
-    # Places
-
-    def _at(self, at: int, preposition: str) -> Iterator[tuple[Place, int]]:
-        for start in self.items.ends(at, preposition):
-            yield from self.places(start)
-        if preposition == "AT":
-            for pattern in ("on top of", "inside of"):
-                for start in self.items.ends(at, pattern):
-                    yield from self.places(start)
-
-    def destinations(self, at: int) -> Iterator[tuple[Place, int]]:
-        """Yield places that are said to be where to."""
-        for start in self.items.ends(at, "POLITE? away|together|over|all|both?"):
-            for preposition in ("INTO", "AT"):
-                yield from self._at(start, preposition)
-        for start in self.items.ends(at, ":"):
-            yield from self.places(start)
-        yield from self._relative_places(at)
-
-    def _relative_places(self, at: int) -> Iterator[tuple[Place, int]]:
-        for end in self.items.ends(at, "there"):
-            yield Place(anaphor="there"), end
-        for start in self.items.ends(at, "to? where|wherever"):
-            for phrase, end in self.phrases(start):
-                for after in self.items.ends(end, "BE|LIE now?"):
-                    yield Place(holds=phrase), after
-
-    def places(self, at: int) -> Iterator[tuple[Place, int]]:
-        """Yield places that begin here, without a preposition."""
-        if at not in self._places:
-            self._places[at] = []
-            self._places[at] = list(dict.fromkeys(self._read_places(at)))
-        yield from self._places[at]
-
-    def _read_places(self, at: int) -> Iterator[tuple[Place, int]]:
-        ends = self.items.ends
-        for start in ends(at, "DET|my|a|an|any|either?"):
-            name = self.items.name(start, "place", "robot", "thing", "object")
-            # "on the trays" would be one tray for all, or one for each.
-            if name is not None and not name.is_plural:
-                end = name.mentions[0].end
-                yield Place((name,)), end
-                yield from self._owned(name, end)
-                for after in ends(end, "or DET?"):
-                    other = self.items.name(after, "place")
-                    if other is not None and name.role("place") and not other.is_plural:
-                        yield Place((name, other)), other.mentions[0].end
-        for end in ends(at, "it|there"):
-            yield Place(anaphor=self.items.word(at)), end
-        for pattern in ("the same place as", "the place of"):
-            for start in ends(at, pattern):
-                yield from ((Place(holds=p), end) for p, end in self.phrases(start))
-        for start in ends(at, "the"):
-            kind = self.items.name(start, "kind", "place")
-            is_place = self.items.word(start) in ("place", "one", "box", "container")
-            after_noun = kind.mentions[0].end if kind is not None else start + is_place
-            if after_noun > start:
-                for begin in ends(after_noun, "that|which CONTAIN"):
-                    yield from ((Place(holds=p), end) for p, end in self.phrases(begin))
-                for begin in ends(after_noun, "with"):
-                    yield from ((Place(holds=p), end) for p, end in self.phrases(begin))
-
-    def _owned(self, name: Name, at: int) -> Iterator[tuple[Place, int]]:
-        for start in self.items.ends(at, "of the?"):
-            robot = self.items.name(start, "robot")
-            if robot is not None:
-                yield Place((name,), robot), robot.mentions[0].end
+def _any_of(place: Place, other: Place) -> Place | None:
+    """Return a place that is either of two; None where one of them is no place by name."""
+    names = (*place.names, *other.names)
+    is_plain = place.owner is None and other.owner is None and place.names and other.names
+    return Place(names) if is_plain and all(name.role("place") for name in names) else None
 
 
 def _without(phrase: Phrase, role: str, names: tuple[Name, ...]) -> Phrase:
