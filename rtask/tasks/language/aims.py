@@ -101,7 +101,7 @@ def _passing_end(deed: Deed, where: Sequence[str]) -> str | None:
     is_passing = phrase.places or phrase.superlative is not None or kind in (
         "share", "definite", "all_but",
     )  # fmt: skip
-    left_out = any(item.places for item in phrase.left_out)
+    left_out = any(item.places or item.superlative for item in phrase.left_out)
     is_there = deed.target is not None and deed.target.holds is not None
     if is_passing or left_out or is_there or deed.kind == "away" or kind in ("exactly", "at_most"):
         return where[-1]

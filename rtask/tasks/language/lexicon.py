@@ -75,7 +75,8 @@ CLASSES = {
         "AGENT": "you u somebody someone anybody anyone",
         "NICE": "nice great good lovely kind helpful grateful glad happy thankful appreciated",
         "STAY": "stay remain be lie stand sit rest left kept live",
-        "LIE": "lie lies lying stand stands standing sit sits sitting located placed stored",
+        "LIE": "left remaining lie lies lying stand stands standing sit sits sitting located "
+        "placed stored",
         "PLACED": "put placed moved kept brought stored laid transferred shifted taken carried "
         "positioned relocated returned packed stowed loaded set dropped popped delivered sent "
         "shipped sorted tidied gathered collected dumped located lying standing sitting",

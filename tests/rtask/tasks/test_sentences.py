@@ -129,6 +129,18 @@ LEFT_BOX, RIGHT_BOX, ON_TABLE = {"left box"}, {"right box"}, {"table"}
           (None, {"cup-1", "cup-2", "can-1", "pen-1"}, {"left box", "right box"})]),
         ("all cups but the green one must in the left box be",
          [(None, {"cup-1", "cup-2"}, LEFT_BOX)]),
+        ("all but one cup into the left box", [(2, CUPS, LEFT_BOX)]),
+        ("put all cups but two in the left box", [(1, CUPS, LEFT_BOX)]),
+        ("a cup or a pen onto the table", [(1, {*CUPS, "pen-1", "pen-2"}, ON_TABLE)]),
+        ("cup-1 or the jug into the right box", [(1, {"cup-1", "jug"}, RIGHT_BOX)]),
+        ("leave the jug where it is and put the can in the left box",
+         [(None, {"jug"}, LEFT_BOX), (1, {"can-1"}, LEFT_BOX)]),
+        ("clear the table but leave the cups there",
+         [(None, {"can-1", "pen-1"}, {"left box", "right box"})]),
+        ("whichever cup is the heaviest goes into the left box", [(1, {"cup-3"}, LEFT_BOX)]),
+        ("all cups except the heaviest onto the table", [(None, {"cup-1", "cup-2"}, ON_TABLE)]),
+        ("any cups on the table go in the left box", [(None, {"cup-1", "cup-2"}, LEFT_BOX)]),
+        ("if there is a can on the table move it into the left box", [(1, {"can-1"}, LEFT_BOX)]),
         ("plastic things to the table", [(None, {"cup-2"}, ON_TABLE)]),
         ("the cups into the left box, then the pens",
          [(None, CUPS, LEFT_BOX), (None, {"pen-1", "pen-2"}, LEFT_BOX)]),
@@ -147,7 +159,7 @@ def test_each_word_of_a_goal_counts_where_it_stands(lab, goal, meaning):
         "put cups 1 and 2 in the left box", "put 3 in the left box", "put it in the left box",
         "put the cup on the table and then put it in the left box", "put that in the left box",
         "put the standing cups in the left box", "put the cups in the left box at five",
-        "all except two cups into the left box", "all but a cup into the left box",
+        "all but three cups into the left box", "all but a cup into the left box",
         "put a pen in each box", "put a pen on each table", "put nothing in the left box",
         "is the cup in the left box", "the red in the left box", "put the cups in the red box",
         "one of the two cups in the left box", "the red cups and pens onto the table",
@@ -178,8 +190,33 @@ def test_long_lists_and_many_clauses_are_read_in_one_way(lab):
 
 
 def test_a_relation_that_no_action_brings_about_is_told_as_such(lab):
-    with pytest.raises(UsageError, match="'next to' is nothing that a goal can ask for"):
+    with pytest.raises(
+        UsageError, match=r"'next to': a goal brings things to places.*where the jug is"
+    ):
         read(lab, "put the can next to the jug")
+
+
+@pytest.mark.parametrize(
+    ("goal", "advice"),
+    [("my cup onto the table", "name it"), ("put the nearest cup on the table", "nearest to panda"),
+     ("do not move the jug", "leave the jug where it is"),
+     ("the nearest cup to the jug onto the table", "is not known")],
+)  # fmt: skip
+def test_what_no_goal_has_is_refused_with_what_to_say_instead(lab, goal, advice):
+    with pytest.raises(UsageError, match=advice):
+        read(lab, goal)
+
+
+def test_a_word_with_one_slip_is_corrected_only_where_one_word_can_be_meant(lab):
+    understood = read_goal(
+        lab.select, "plesae put evrything form the table into the left box", BASE
+    )
+    assert [aim.text for aim in understood.aims] == [
+        "all: everything that has a place from table: at left box"
+    ]
+    assert "'plesae' is read as 'please'" in understood.remarks
+    with pytest.raises(UnknownTermError, match="'pan' means nothing here"):
+        read(lab, "put the pan on the table")
 
 
 def test_a_goal_that_hangs_on_what_does_not_hold_asks_for_nothing(lab):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from rtask.tasks.language.grammar.phrases import Phrases
 from rtask.tasks.language.items import Items
-from rtask.tasks.language.meaning import Condition
+from rtask.tasks.language.meaning import Condition, Quantity
 
 __all__ = ["Conditions"]
 
@@ -24,6 +24,10 @@ class Conditions:
         for start in ends(at, "there is|are"):
             for phrase, end in self.phrases.phrases(start):
                 yield Condition(phrase), end
+        for start in ends(at, "there is|are not any?"):
+            for phrase, end in self.phrases.phrases(start):
+                if phrase.quantity is None or phrase.quantity == Quantity("some", 1):
+                    yield Condition(replace(phrase, quantity=Quantity("no"))), end
         for start in ends(at, "AT"):  # "if on the table a can stands"
             for place, end in self.phrases.places(start):
                 for begin in ends(end, "is|are?"):

@@ -18,7 +18,8 @@ _COURTESY = (
     "maybe|perhaps|possibly|ideally|preferably|simply|somehow|basically|thx|tia|"
     "love|duck|darling", "it|that does not matter which|how?", "does not matter which|how?",
     "no matter which|how", "I|we do not mind|care which|how?",
-    "by the end", "any more", "anymore|anyway",
+    "by the end", "any more", "anymore|anyway|too",
+    "when|whenever it suits you|everyone?",
     "at the moment", "whichever is quicker|easier|closer|faster|simpler",
     "whichever you like|prefer|want", "your choice", "either will do", "any will do",
     "only if possible", "if that|it is okay|ok|alright|fine|possible|convenient",
@@ -100,7 +101,7 @@ def courtesies(items: Items, at: int) -> Iterator[int]:
         for pattern in _COURTESY:
             begins = (start, *items.ends(start, ","))
             for end in (end for begin in begins for end in items.ends(begin, pattern)):
-                for after in (end, *items.ends(end, ",|:")):
+                for after in (end, *items.ends(end, ",|:|!|.")):
                     if after not in seen and after > start:
                         seen.add(after)
                         pending.append(after)

@@ -33,7 +33,9 @@ class Removals(Conditions):
                 emptied = replace(EVERYTHING, places=((place, False),))
                 for target, last in self.placed(end):  # "empty the tray into the box"
                     yield clause_of("put", (emptied,), target), last
-        for begin in (at, *items.ends(at, "up|away")):
+        # "Empty cups into the box" may be cups that are empty.
+        is_tidying = not self.items.is_verb(at - 1, frozenset(("empty", "unload")))
+        for begin in (at, *items.ends(at, "up|away")) if is_tidying else ():
             for phrases, end in self.phrases.lists(begin):  # "tidy up the pens into the left box"
                 for last in (end, *items.ends(end, "up|away")):
                     for start in items.ends(last, "INTO"):
