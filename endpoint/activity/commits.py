@@ -115,10 +115,10 @@ def _reasons(facts: _Facts, added: Mapping[Any, _Facts], outcome: _Facts) -> str
         reasons.append(f"attempt {number}")
     if rank is not None:
         count = _value(facts, RT.candidateCount)
-        reasons.append(f"choice {rank} of {count}" if count else f"choice {rank}")
+        reasons.append(f"choice {rank} of {count} grasps" if count else f"choice {rank}")
     alpha, beta = _value(facts, RT.priorAlpha), _value(facts, RT.priorBeta)
     if alpha and beta:
-        reasons.append(f"expected {alpha / (alpha + beta):.0%}")
+        reasons.append(f"expected to hold: {alpha / (alpha + beta):.0%}")
     feedback = added.get(_value(outcome, RT.hasFeedback), {})
     measured = _value(feedback, RT.comment)
     return "; ".join([", ".join(reasons), *([str(measured)] if measured else [])]).strip("; ")

@@ -136,7 +136,7 @@ def test_inferred_statements_are_left_out_on_request(browser: Any, server: Runni
     with open_page(browser, server.url) as page:
         _editor(page, server)
         page.keyboard.insert_text("SELECT ?k { <urn:lab/mug> a ?k }")
-        page.get_by_label("with what follows").uncheck()
+        page.get_by_label("with inferred statements").uncheck()
         page.get_by_role("button", name="Run").click()
         page.get_by_text("1 row in").wait_for()
 

@@ -15,6 +15,8 @@ __all__ = ["names_of"]
 MAX_NAMED = 1_000
 _VERBS = {RDF.type.value: "is a", RDFS.subClassOf.value: "is a kind of"}
 _COUNTED = re.compile(r"(?:kb:|.*/kb/)([a-z_]+)/(\d+)")
+_DATED = re.compile(r"(?:kb:|.*/kb/(?:[0-9a-f]+/)?)([a-z_]+)/[0-9a-f-]{30}([0-9a-f]{6})")
+"""An IRI that ends in a UUID of version 7: it begins with the time, so its end tells most."""
 
 
 def names_of(kb: KnowledgeBase, iris: Iterable[str]) -> dict[str, str]:
@@ -29,7 +31,8 @@ def names_of(kb: KnowledgeBase, iris: Iterable[str]) -> dict[str, str]:
     """
     names = {}
     for iri in list(dict.fromkeys(iris))[:MAX_NAMED]:
-        verb = _VERBS.get(iri) or _verb_phrase(kb, NamedNode(iri))
+        term = NamedNode(iri)
+        verb = _VERBS.get(iri) or _verb_phrase(kb, term) or _by_relations(kb, term)
         if verb:
             names[iri] = verb
     return names
@@ -45,15 +48,46 @@ def _verb_phrase(kb: KnowledgeBase, term: NamedNode) -> str:
     return ""
 
 
+def _by_relations(kb: KnowledgeBase, term: NamedNode) -> str:
+    """Return what to call something that nobody named, by what it belongs to.
+
+    A page headed by the UUID of an attempt would tell a person nothing.
+    """
+    robot, grasp = _first(kb, term, RT.performedBy), _first(kb, term, RT.executesGrasp)
+    if robot and grasp:
+        number = [quad.object for quad in kb.match(term, RT.attemptNumber)]
+        which = f"attempt {number[0].value}" if number else "an attempt"
+        holders = [quad.subject for quad in kb.match(None, RT.hasGrasp, grasp)]
+        named = [name for holder in holders if (name := _verb_phrase(kb, holder))]
+        at = f" at {named[0]}" if named else ""
+        return f"{which} of {_verb_phrase(kb, robot) or 'a robot'}{at}"
+    product = _first(kb, term, RT.exemplarOf)
+    if product and (name := _verb_phrase(kb, product)):
+        return f"one {name}"
+    for quad in kb.match(None, RT.hasOutcome, term)[:1]:
+        if attempt := _by_relations(kb, quad.subject):
+            return f"outcome of {attempt}"
+    return ""
+
+
+def _first(kb: KnowledgeBase, subject: NamedNode, predicate: NamedNode) -> NamedNode | None:
+    found = [quad.object for quad in kb.match(subject, predicate)]
+    return next((term for term in found if isinstance(term, NamedNode)), None)
+
+
 @blueprint.app_template_filter("resource_name")
 def resource_name(iri: str) -> str:
-    """Shorten an IRI for people; what the graph counts is called by kind and number.
+    """Shorten an IRI for people; what the graph numbers is called by kind and number.
 
     Examples
     --------
     >>> resource_name("https://w3id.org/rtask-kg/kb/grasp/12"), resource_name("urn:other")
     ('grasp 12', 'urn:other')
+    >>> resource_name("https://w3id.org/rtask-kg/kb/view/01a22b1b-cbef-7f9d-8a09-e7a2d93930bf")
+    'view …3930bf'
     """
     text = short(iri)
-    counted = _COUNTED.fullmatch(text)
+    counted, dated = _COUNTED.fullmatch(text), _DATED.fullmatch(text)
+    if dated:
+        return f"{dated[1].replace('_', ' ')} …{dated[2]}"
     return f"{counted[1].replace('_', ' ')} {counted[2]}" if counted else text

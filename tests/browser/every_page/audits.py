@@ -76,6 +76,65 @@ AUDITS = {
     "table without heads": """() => [...document.querySelectorAll("table")]
       .filter((e) => e.checkVisibility() && !e.querySelector("th"))
       .map((e) => e.textContent.trim().slice(0, 60))""",
+    # WCAG 2.5.3: somebody who speaks to the browser says the words that are seen.
+    "called otherwise than it reads": """() => [...document.querySelectorAll(
+        "a[href][aria-label], button[aria-label], summary[aria-label]")]
+      .filter((e) => e.checkVisibility())
+      .filter((e) => {
+        const said = (text) => text.toLowerCase().replace(/[^\\p{L}\\p{N}]+/gu, " ").trim();
+        return !said(e.ariaLabel).includes(said(e.innerText));
+      })
+      .map((e) => e.outerHTML.slice(0, 120))""",
+    # Landmarks are what a screen reader jumps between: text outside of all of them is missed.
+    "text outside of every landmark": """() => {
+      const within = "main, header, footer, nav, aside, dialog, [role=status], [role=alert], .skip";
+      const faults = [];
+      const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+      while (walker.nextNode()) {
+        const { textContent, parentElement } = walker.currentNode;
+        if (textContent.trim() && parentElement.checkVisibility() && !parentElement.closest(within))
+          faults.push(textContent.trim().slice(0, 60));
+      }
+      return faults;
+    }""",
+    # WCAG 1.4.3, of each text as it is seen: 4.5, and 3 where it is large.
+    "text too faint": """() => {
+      const parts = (colour) => (colour.match(/[\\d.]+/g) || []).map(Number);
+      const over = ([r, g, b, a = 1], below) => [r, g, b].map((v, k) => a * v + (1 - a) * below[k]);
+      const luminance = (rgb) => {
+        const [r, g, b] = rgb.map((v) => v / 255)
+          .map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+        return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+      };
+      const ground = (e) => {
+        if (!e) return [255, 255, 255];
+        const style = getComputedStyle(e);
+        if (style.backgroundImage !== "none") return null; // a picture: nobody can say by styles
+        const own = parts(style.backgroundColor);
+        if (own[3] === undefined || own[3] === 1) return own.slice(0, 3);
+        const below = ground(e.parentElement);
+        return below && over(own, below);
+      };
+      const seen = new Map();
+      const passed = "svg, [disabled], [aria-disabled=true], .visually-hidden, .skip";
+      const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+      while (walker.nextNode()) {
+        const text = walker.currentNode.textContent.trim();
+        const e = walker.currentNode.parentElement;
+        if (!text || seen.has(e) || e.closest(passed)) continue;
+        if (!e.checkVisibility({ opacityProperty: true, visibilityProperty: true })) continue;
+        const style = getComputedStyle(e);
+        const below = ground(e);
+        if (!below || !style.color.startsWith("rgb")) continue;
+        const ink = luminance(over(parts(style.color), below));
+        const [low, high] = [ink, luminance(below)].sort((x, y) => x - y);
+        const size = parseFloat(style.fontSize);
+        const large = size >= 24 || (size >= 18.66 && style.fontWeight >= 700);
+        const ratio = (high + 0.05) / (low + 0.05);
+        seen.set(e, ratio < (large ? 3 : 4.5) ? `${ratio.toFixed(2)}: ${text.slice(0, 40)}` : "");
+      }
+      return [...seen.values()].filter(Boolean);
+    }""",
     "what takes the focus is hidden from screen readers": """() =>
       [...document.querySelectorAll("[aria-hidden=true]")]
       .flatMap((e) => [e, ...e.querySelectorAll("a[href], button, input, select, textarea")])

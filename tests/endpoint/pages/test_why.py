@@ -183,7 +183,7 @@ def test_what_was_expected_and_whether_a_thing_is_still_there_lead_on() -> None:
             "nao-7",
         )
         shown = text_of(browser, "/activity")
-        assert "expected 67%" in shown
+        assert "expected to hold: 67%" in shown
         assert bare_figures(shown) == []
         shown = text_of(browser, "/world")
         assert "Still there" in shown
