@@ -30,7 +30,7 @@ EXTRA_OF = {
     "matplotlib": "perception",
     "numba": "perception",
     "onnxruntime": "embed",
-    "open3d": "perception",
+    "open3d": "surfaces",
     "scipy": "perception",
     "trimesh": "perception",
     "pybullet": "simulate",

@@ -24,7 +24,8 @@ from rtask.extras import install_command
 _OPEN3D_PACKAGES = "libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6"
 # An extra, its library that most often does not load, and what mends that.
 _EXTRAS = (
-    ("perception", "open3d", f"sudo apt-get install {_OPEN3D_PACKAGES}"),
+    ("perception", "cv2", "pip install --force-reinstall opencv-python-headless"),
+    ("surfaces", "open3d", f"sudo apt-get install {_OPEN3D_PACKAGES}"),
     ("simulate", "pybullet", "pip install --force-reinstall pybullet"),
 )
 _FIRST_KERNELS = (

@@ -50,6 +50,7 @@ class SelfFilter(Service):
 
     name = "rtask/SelfFilter"
     version = "1.0.0"
+    extra = "surfaces"
     robot = data_resource(
         "binary",
         default="robots/NAO",

@@ -102,7 +102,7 @@ _EXPECTED = {("/api/blobs/", 404), ("/admin/", 401)}
 
 @pytest.mark.parametrize(
     ("extras", "count"),
-    [((), 150), pytest.param(("perception",), 150, marks=pytest.mark.deep)],
+    [((), 150), pytest.param(("perception", "surfaces"), 150, marks=pytest.mark.deep)],
 )
 def test_every_link_of_every_page_leads_somewhere_with_any_extras(
     wheel: Path, base: Installation, tmp_path: Path, extras: tuple[str, ...], count: int

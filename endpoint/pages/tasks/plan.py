@@ -38,6 +38,7 @@ def plan() -> Model:
     model: Model = {
         "goal": goal, "assume_reach": assume_reach, "plan": None, "problem": "",
         "task": given.get("task", ""), "commit": given.get("commit", ""), "examples": [],
+        "has_looked": False,
     }  # fmt: skip
     access = context().auth.identify(current_request()).access
     if goal:
@@ -51,7 +52,7 @@ def plan() -> Model:
     kb = knowledge_base()
     if model["plan"] is None and isinstance(kb, KnowledgeBase) and "read" in SCOPES[access.role]:
         with contextlib.suppress(RtaskError):  # the page serves without them, too
-            model["examples"] = kb.tasks.examples(access)
+            model["examples"], model["has_looked"] = kb.tasks.examples(access), True
     return model
 
 
