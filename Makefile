@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 # The robots alone need neither the tools of tests and checks nor what only some extras use.
 DEMO_READY := $(VENV)/.demo-ready
 # Of what pip says, the packages of 10 MB and more as they are downloaded: else minutes pass in silence.
-LARGE := 's,^ *Downloading \(.*/\)\{0\,1\}\([A-Za-z0-9_.]*\)-[0-9].*(\([0-9][0-9][0-9.]* MB\).*,  \2 \3,p'
+LARGE := 's,^ *Downloading \(.*/\)\{0\,1\}\([A-Za-z0-9_.]*\)-[0-9].*(\([0-9][0-9][0-9.]* MB\).*,  fetching \2\, \3,p'
 # Open3D and the off-screen renderer link against these; nothing else is needed from the system.
 SYSTEM_PACKAGES := python3-venv libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6
 
@@ -49,7 +49,7 @@ $(READY) $(DEMO_READY): pyproject.toml
 	@$(MAKE) --no-print-directory system
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "RTASK needs Python 3.11 or newer: make PYTHON=python3.11 setup")'
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@echo "installing Python packages (a few minutes the first time); the large ones:"
+	@echo "installing Python packages (a few minutes the first time)"
 	@set -o pipefail; $(BIN)/python -m pip install --disable-pip-version-check --progress-bar off -e '.[$(EXTRAS)]' \
 	  | sed -un -e $(LARGE) -e 's/^Installing collected packages.*/  all are here: unpacking/p'
 	@echo "compiling numeric kernels (about a minute, once; some go on in the background)"
