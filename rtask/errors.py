@@ -7,7 +7,8 @@
     │   └── LazyLoadError           a loop would send one query for each object
     ├── StoreError                  the store cannot carry out the request
     │   ├── StoreLockedError        another process has the folder open for writing
-    │   ├── StoreFormatError        not a knowledge base, or one of another format
+    │   ├── StoreFormatError        a knowledge base of another format, or a damaged one
+    │   │   └── NoStoreError            what was named is no knowledge base
     │   ├── StorageFullError        the disk is full
     │   ├── ClosedError             used after close()
     │   ├── MissingBlobError        a triple names bytes that are missing
@@ -50,9 +51,10 @@
     │   └── CancelledError          a call was cancelled
     ├── MissingExtraError           an optional part of RTASK is not installed
     └── RobotError                  a robot cannot do what was asked
+        └── UnknownRobotError       no robot has that name
 
 A message says what was wrong, where, what was expected and what to do. The command line prints it
-as one line and exits with :attr:`RtaskError.exit_code`; HTTP turns it into RFC 9457 problem
+as one line and exits with :attr:`RtaskError.exit_status`; HTTP turns it into RFC 9457 problem
 details with :attr:`RtaskError.status` and :attr:`RtaskError.slug`. Whether trying again may help is
 :attr:`RtaskError.is_transient`, over every protocol the member ``transient``.
 """
@@ -84,6 +86,7 @@ __all__ = [
     "MissingBlobError",
     "MissingDataError",
     "MissingExtraError",
+    "NoStoreError",
     "OwnershipError",
     "ParseError",
     "QuerySyntaxError",
@@ -105,6 +108,7 @@ __all__ = [
     "StoreLockedError",
     "TooLargeError",
     "TooMuchFollowsError",
+    "UnknownRobotError",
     "UnknownTermError",
     "UnsupportedError",
     "UnusableServiceError",
@@ -118,6 +122,7 @@ __all__ = [
 
 TRANSIENT_STATUSES = frozenset((429, 502, 503, 504, 507))
 """HTTP statuses of errors after which the same call may succeed later."""
+_EXIT_CODES = {400: 2, 404: 1, 405: 2}
 
 
 def nearest(name: str, names: Sequence[str]) -> str:
@@ -177,6 +182,25 @@ class RtaskError(Exception):
         """
         return int(self.details.get("http_status", self.status))
 
+    @property
+    def exit_status(self) -> int:
+        """Exit code of a command that ends with the error: 1 not found, 2 a wrong call, 3 failed.
+
+        So a command ends alike on a graph in the same process and on a server, whose answer names
+        the kind of error (RFC 9457, "type"), or has at least a status.
+
+        Examples
+        --------
+        >>> CallFailedError("no", http_status=422, problem="unknown-term").exit_status
+        1
+        >>> CallFailedError("no", http_status=400).exit_status, StoreLockedError("no").exit_status
+        (2, 3)
+        """
+        if "http_status" not in self.details:
+            return self.exit_code
+        by_status = _EXIT_CODES.get(self.answer_status, self.exit_code)
+        return _exit_codes(RtaskError).get(str(self.details.get("problem")), by_status)
+
     def __init__(self, message: str, **details: Any) -> None:
         super().__init__(message)
         self.details = details
@@ -207,9 +231,15 @@ class StoreLockedError(StoreError):
 
 
 class StoreFormatError(StoreError):
-    """The folder is not a knowledge base, or was written by an incompatible version."""
+    """The knowledge base was written by an incompatible version, or is damaged."""
 
     slug = "store-format"
+
+
+class NoStoreError(StoreFormatError):
+    """What was named as a knowledge base, or as a backup of one, is none."""
+
+    slug, exit_code = "no-store", 2
 
 
 class StorageFullError(StoreError):
@@ -473,3 +503,17 @@ class RobotError(RtaskError):
     """A robot cannot do what was asked; ``reason`` is one of the ontology's reason codes."""
 
     status, slug = 409, "robot"
+
+
+class UnknownRobotError(RobotError):
+    """No robot has that name."""
+
+    slug, exit_code = "unknown-robot", 1
+
+
+def _exit_codes(kind: type[RtaskError]) -> dict[str, int]:
+    """Return the exit codes of a class of errors and all below it, by slug."""
+    codes = {kind.slug: kind.exit_code}
+    for each in kind.__subclasses__():
+        codes |= _exit_codes(each)
+    return codes

@@ -162,6 +162,7 @@ def service_response(
     values: Any,
     status: int | None = None,
     transient: bool | None = None,
+    slug: str | None = None,
 ) -> JsonObject:
     """Return the answer to a call, naming the service as the caller spelled it.
 
@@ -171,6 +172,8 @@ def service_response(
         HTTP status of a failure.
     transient
         Whether trying again may help; None = as the status says.
+    slug
+        Which error of RTASK it is, as workers say it in ``error``.
     """
     answer: JsonObject = {
         "op": "service_response",
@@ -181,6 +184,8 @@ def service_response(
     if status is not None:
         answer["status"] = status
         answer["transient"] = status in TRANSIENT_STATUSES if transient is None else transient
+    if slug is not None:
+        answer["error"] = slug
     return with_id(answer, message)
 
 

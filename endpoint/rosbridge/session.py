@@ -307,10 +307,11 @@ class Session:
             if len(text) > MAX_ANSWER_BYTES:
                 raise UsageError(f"answer of {len(text) >> 20} MB is too large: use HTTP")
         except Exception as error:  # noqa: BLE001 - a failed call is an answer
-            status, transient = 500, False
+            status, transient, slug = 500, False, RtaskError.slug
             if isinstance(error, RtaskError):
-                status, transient = error.status, error.is_transient
-            self._finish(message, packing, False, failure_text(error), once, status, transient)
+                status, transient, slug = error.status, error.is_transient, error.slug
+            words = failure_text(error)
+            self._finish(message, packing, False, words, once, status, transient, slug)
             return
         if once():
             self._put(text, packing)
@@ -324,9 +325,10 @@ class Session:
         once: Once,
         status: int | None = None,
         transient: bool | None = None,
+        slug: str | None = None,
     ) -> None:
         if once():
-            answer = service_response(message, result, values, status, transient)
+            answer = service_response(message, result, values, status, transient, slug)
             self._put(encode(answer), packing)
 
     def _put(self, text: str, packing: Packing) -> None:

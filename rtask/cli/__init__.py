@@ -19,7 +19,7 @@ from typing import Any
 import click
 
 from rtask.cli.progress import at_work
-from rtask.errors import RtaskError, StoreFormatError
+from rtask.errors import RtaskError
 from rtask.extras import naming_extras
 
 __all__ = ["cli", "main"]
@@ -236,7 +236,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if "--debug" in given:
             raise
         click.echo(f"rtask: {_printable(str(error))}{_advice(error)}", err=True)
-        sys.exit(error.exit_code)
+        sys.exit(error.exit_status)
     except UnicodeEncodeError as error:  # an argument that is not UTF-8, or a terminal of another
         if "--debug" in given:
             raise
@@ -251,7 +251,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise
         where = "" if error.filename is None else f"{error.filename}: "
         click.echo(f"rtask: {_printable(f'{where}{error.strerror or error}')}", err=True)
-        sys.exit(RtaskError.exit_code)
+        # A path of the call that is not there is a wrong call; one of our own, a failure.
+        is_absent = isinstance(error, (FileNotFoundError, IsADirectoryError, NotADirectoryError))
+        sys.exit(2 if is_absent and str(error.filename) in given else RtaskError.exit_code)
     sys.exit(done if isinstance(done, int) else 0)
 
 
@@ -266,7 +268,7 @@ def _printable(text: str) -> str:
 
 def _advice(error: RtaskError) -> str:
     """Return where a knowledge base is, or how to make one, if the folder named holds none."""
-    if not (isinstance(error, StoreFormatError) and error.details.get("absent")):
+    if not error.details.get("absent"):
         return ""
     here = Path.cwd()
     bases = sorted({*here.glob("*/kb.json"), *here.glob("*/*/kb.json")})

@@ -147,8 +147,7 @@ def export(
         raise UsageError(f"--format {form}: expected a file that ends in .{form}, got {out}")
     with open_to_read(data) as kb, naming_extras(_EXTRA):
         recorded = episodes_of(kb, robot=agent, since=since, query=query)
-        if not recorded:
-            raise UsageError("no attempt fits; see `rtask episodes list`")
+        exit_if_empty(recorded, "no attempt fits; see `rtask episodes list`")
         with Working("writing") as working:
             if form == "lerobot":
                 written = write_lerobot(kb, recorded, out, rate, hand, working.tell)

@@ -27,16 +27,20 @@ _MAX_S = 2.0
 def failure_of(answer: httpx.Response) -> RtaskError:
     """Return the error of an answer, with the words of its problem details (RFC 9457)."""
     resource: object = None
+    kind = ""
     try:
         problem = answer.json()
         words = str(problem.get("detail") or problem.get("title") or answer.text[:500])
         resource = problem.get("resource")
+        kind = str(problem.get("type", "")).rpartition("/")[2]
     except (ValueError, AttributeError):
         words = answer.text[:500] or answer.reason_phrase
-    return error_of(answer.status_code, words, is_transient(answer), resource)
+    return error_of(answer.status_code, words, is_transient(answer), resource, kind)
 
 
-def error_of(status: int, words: str, may_pass: bool, resource: object = None) -> RtaskError:
+def error_of(
+    status: int, words: str, may_pass: bool, resource: object = None, kind: str = ""
+) -> RtaskError:
     """Return the error of a failed call, the same one over HTTP, rosbridge and websocket.
 
     Parameters
@@ -49,6 +53,8 @@ def error_of(status: int, words: str, may_pass: bool, resource: object = None) -
         Whether the same call may succeed later.
     resource
         Name of the data resource that the call lacked, if that was it.
+    kind
+        Slug of the error at the server, where the answer has it.
     """
     if status == 401:
         return AuthenticationError(words)
@@ -56,8 +62,9 @@ def error_of(status: int, words: str, may_pass: bool, resource: object = None) -
         return ForbiddenError(words)
     if isinstance(resource, str):
         words = in_words_of(words, resource, "data=")
-        return CallFailedError(words, http_status=status, transient=may_pass, resource=resource)
-    return CallFailedError(words, http_status=status, transient=may_pass)
+    return CallFailedError(
+        words, http_status=status, transient=may_pass, resource=resource, problem=kind or None
+    )
 
 
 def is_transient(answer: httpx.Response) -> bool:

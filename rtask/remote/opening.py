@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rtask.errors import StoreError, StoreFormatError, UnsupportedError
+from rtask.errors import NoStoreError, StoreError, StoreFormatError, UnsupportedError
 from rtask.kb.durability.blobs import BlobStore
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.settings import Settings
@@ -84,7 +84,7 @@ def _open(endpoints: Endpoints, place: Place, mode: str, base: str | None) -> Fi
     remote_base = _find(endpoints, base)
     if remote_base is None:
         if mode == "r":
-            raise StoreFormatError(f"{endpoints} holds no knowledge base; open it for writing once")
+            raise NoStoreError(f"{endpoints} holds no knowledge base; open it for writing once")
         remote_base = _create(endpoints, base)
     elif mode == "new":
         raise StoreFormatError(f"{endpoints} is already a knowledge base; open it with mode='rw'")

@@ -20,7 +20,7 @@ from rtask.cli.options import (
     print_json,
     shown_rows,
 )
-from rtask.errors import RobotError, UsageError
+from rtask.errors import UnknownRobotError, UsageError
 from rtask.scratch import ScratchFolder
 from simulate import options
 from simulate.drivers.commands import reach
@@ -402,7 +402,7 @@ def remove(name: str, as_json: bool) -> None:
     path = robots_folder() / f"{name}.toml"
     if name not in robot_names():
         names = ", ".join(robot_names()) or "none"
-        raise RobotError(f"no robot {name!r} was added; there are: {names}")
+        raise UnknownRobotError(f"no robot {name!r} was added; there are: {names}")
     set_aside(path)
     if as_json:
         print_json({"name": name, "removed": str(path)})

@@ -7,7 +7,7 @@ import importlib.metadata
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rtask.errors import RobotError, nearest
+from rtask.errors import RobotError, UnknownRobotError, nearest
 from simulate.robots.description import (
     Arm,
     CameraMount,
@@ -58,13 +58,13 @@ def check_robot(robot: str) -> None:
 
     Raises
     ------
-    RobotError
+    UnknownRobotError
         It names the robots that there are.
     """
     available = known_robots()
     if robot not in available:
         hint = nearest(robot, available) or f"; known: {', '.join(available)}"
-        raise RobotError(
+        raise UnknownRobotError(
             f"no robot is called {robot!r}{hint}; `rtask robot add FILE.urdf` makes one of a URDF"
         )
 

@@ -13,7 +13,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from rtask.errors import RobotError
+from rtask.errors import RobotError, UsageError
 from simulate.robots.attaching import attach
 from simulate.robots.cameras import standing_cameras
 from simulate.robots.description import Arm, Pose, RobotDescription, Workplace, transform_from
@@ -65,7 +65,7 @@ def describe_panda(*, name: str = "panda", hand: str | None = None) -> RobotDesc
     read = read_urdf(Path(spec.origin).parent / _FILE)
     other = None if hand is None else other_hand(hand)
     if hand is not None and other is None:
-        raise RobotError(f"gripper {hand!r}: the panda takes suction:RADIUS, three:OPENING or FILE")
+        raise UsageError(f"gripper {hand!r}: the panda takes suction:RADIUS, three:OPENING or FILE")
     if other is not None:
         read, _ = attach(_without_hand(read), links_of(other), _FLANGE)
     bare = RobotDescription(

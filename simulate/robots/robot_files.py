@@ -17,7 +17,7 @@ import numpy as np
 
 from grasp.spatial.suction_cup import SuctionCup
 from grasp.spatial.three_finger.hand import ThreeFingerHand
-from rtask.errors import RobotError
+from rtask.errors import RobotError, UnknownRobotError
 from simulate.robots.attaching import attach, gripper_of, hold_still
 from simulate.robots.description import (
     Arm,
@@ -74,12 +74,14 @@ def restore_settings(path: Path) -> None:
 
     Raises
     ------
-    RobotError
+    UnknownRobotError
         None were set aside.
     """
     aside = path.with_suffix(".removed")
     if not aside.exists():
-        raise RobotError(f"no robot {path.stem!r} was removed or replaced; see `rtask robot list`")
+        raise UnknownRobotError(
+            f"no robot {path.stem!r} was removed or replaced; see `rtask robot list`"
+        )
     present = path.read_bytes() if path.exists() else None
     aside.replace(path)
     if present is not None:

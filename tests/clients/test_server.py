@@ -133,6 +133,6 @@ def test_tokens_of_a_folder_that_is_no_knowledge_base_fail_in_one_line(
     server: RunningServer,
 ) -> None:
     done = rtask("token", "list", "--data", f"{server.data}/nothing")
-    assert done.returncode == 3
+    assert done.returncode == 2
     assert "not a knowledge base" in done.stderr
     assert "Traceback" not in done.stderr

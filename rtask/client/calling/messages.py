@@ -18,7 +18,7 @@ from rtask.errors import (
 )
 from rtask.wire.address import authorization, is_near, split_address
 
-__all__ = ["addresses", "answer_values", "failure", "open_socket", "refusal", "service_call"]
+__all__ = ["addresses", "answer_values", "open_socket", "refusal", "service_call"]
 
 MAX_BYTES = 64 * 2**20
 
@@ -111,16 +111,17 @@ def answer_values(message: Mapping[str, Any]) -> dict[str, Any]:
         raise CallFailedError(str(message.get("msg")))
     values = message.get("values")
     if message.get("result") is not True:
-        raise failure(str(values), message.get("status"), message.get("transient"))
+        raise _failure(str(values), message)
     return values if isinstance(values, dict) else {}
 
 
-def failure(words: str, status: Any, transient: Any) -> RtaskError:
-    """Return the error of a failed call; our server says besides which status it had over HTTP."""
+def _failure(words: str, message: Mapping[str, Any]) -> RtaskError:
+    """Return the error of a failed call; our server says besides what it would be over HTTP."""
+    status, transient, slug = (message.get(name) for name in ("status", "transient", "error"))
     if type(status) is not int:
         return CallFailedError(words)
     may_pass = transient if isinstance(transient, bool) else status in TRANSIENT_STATUSES
-    return error_of(status, words, may_pass)
+    return error_of(status, words, may_pass, kind=slug if isinstance(slug, str) else "")
 
 
 def refusal(address: str, status: int, error: Exception) -> RtaskError | OSError:

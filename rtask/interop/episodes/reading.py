@@ -51,7 +51,7 @@ def read_episodes(kb: GraphCore, path: Path, access: Access | None = None) -> Wr
             return read_demonstrations(kb, path, access)
         path = path / RECORDING
         if not path.is_file():
-            raise DataError(
+            raise UsageError(
                 f"{path.parent.parent} is no data set: neither {RECORDING} nor meta/info.json"
             )
     quads: dict[Quad, None] = {}

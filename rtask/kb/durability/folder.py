@@ -23,7 +23,7 @@ from pathlib import Path
 
 from pyoxigraph import Store
 
-from rtask.errors import StoreError, StoreFormatError, StoreLockedError
+from rtask.errors import NoStoreError, StoreError, StoreFormatError, StoreLockedError
 from rtask.kb.durability.blobs import BlobStore
 from rtask.kb.durability.disk_space import Reserve, full_disk, means_full
 from rtask.kb.durability.journal import JournalFile, JournalWithHistory, NoJournal
@@ -127,7 +127,7 @@ def find(folder: Path, mode: str) -> Settings | None:
         The path is something else; the error says what.
     """
     if folder.exists() and not folder.is_dir():
-        raise StoreFormatError(f"{folder} is a file; a knowledge base is a folder")
+        raise NoStoreError(f"{folder} is a file; a knowledge base is a folder")
     if (folder / "kb.json").exists():
         if mode == "new":
             raise StoreFormatError(f"{folder} is already a knowledge base; open it with mode='rw'")

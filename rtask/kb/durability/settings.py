@@ -10,7 +10,7 @@ from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 
 import ontology
-from rtask.errors import StoreFormatError, UsageError
+from rtask.errors import NoStoreError, StoreFormatError, UsageError
 from rtask.kb.durability.blobs import sync_folder
 
 __all__ = ["Settings"]
@@ -89,7 +89,7 @@ class Settings:
         Raises
         ------
         StoreFormatError
-            If the folder is not a knowledge base, or has another format.
+            If the folder is not a knowledge base (NoStoreError), or has another format.
         """
         try:
             record = json.loads((folder / _FILE).read_text("utf-8"))
@@ -97,7 +97,7 @@ class Settings:
                 raise ValueError('it is no JSON object with a number "format"')
             stored = int(record["format"])
         except FileNotFoundError:
-            raise StoreFormatError(
+            raise NoStoreError(
                 f"{folder} is not a knowledge base (no {_FILE}); reading takes a folder that RTASK "
                 "made, writing an empty or new one as well",
                 absent=True,

@@ -15,6 +15,7 @@ from typing import Any
 from pyoxigraph import Store
 
 from rtask.errors import (
+    NoStoreError,
     RtaskError,
     StoreError,
     StoreFormatError,
@@ -210,7 +211,7 @@ def check(source: Path) -> dict[str, Any]:
     try:
         record: dict[str, Any] = json.loads((source / _FILE).read_text("utf-8"))
     except (OSError, ValueError) as error:
-        raise StoreFormatError(f"{source} is not a complete backup: {_FILE} is missing") from error
+        raise NoStoreError(f"{source} is not a complete backup: {_FILE} is missing") from error
     quad_count = _count(source)
     if quad_count != record.get("quads", quad_count):
         raise StoreFormatError(

@@ -101,7 +101,7 @@ def test_a_wrong_command_says_what_may_be_meant(shell: Shell) -> None:
 
 def test_an_error_is_one_line_and_debug_shows_the_rest(shell: Shell) -> None:
     done = shell("stats")
-    assert (done.code, done.out) == (3, "")
+    assert (done.code, done.out) == (2, "")
     assert done.err.startswith(f"rtask: {shell.data} is not a knowledge base")
     assert done.err.count("\n") == 1
     with pytest.raises(rtask.errors.StoreFormatError):

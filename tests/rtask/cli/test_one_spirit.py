@@ -318,7 +318,7 @@ def test_a_command_that_needs_a_graph_does_not_make_one(
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as caught:
         main([*arguments, "--data", "mispelt"])
-    assert caught.value.code == 3
+    assert caught.value.code == 2
     assert "mispelt is not a knowledge base" in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
 

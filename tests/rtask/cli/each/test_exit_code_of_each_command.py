@@ -14,6 +14,7 @@ from rtask.cli.changing.new_folder import NewFolder
 from rtask.client import failures
 from tests.clocks import PassedBySleeping
 from tests.rtask.cli.each.tree import walk_commands
+from tests.servers import running_server
 
 pytestmark = pytest.mark.slow
 
@@ -51,6 +52,11 @@ _MAKING = {
 """Commands that make a knowledge base where there is none."""
 _OF_FILES = {"grasp push", "grasp space", "grasp batch"}
 """Commands whose argument is a file first, so that a wrong one is a wrong call."""
+_ROBOT_CALLS = {
+    "robot reach": ".4 0 .2",
+    "simulate film": "out.mp4",
+    "simulate ros-reach": ".4 0 .2",
+}
 Run = Callable[..., int]
 
 
@@ -102,15 +108,50 @@ def test_a_wrong_call_of_any_command_ends_with_2(run: Run) -> None:
     assert {name: code for name, code in codes.items() if code != 2} == {}
 
 
-def test_where_there_is_no_graph_each_command_ends_with_3(run: Run, tmp_path: Path) -> None:
+def test_where_the_folder_is_no_graph_each_command_ends_with_2(run: Run, tmp_path: Path) -> None:
     _write_files(tmp_path)
     names = sorted(_with("--data").keys() - _RUNNING - _MAKING - _OF_FILES)
     codes = {
         name: run(*name.split(), *_CALLS.get(name, "").split(), "--data", "nowhere")
         for name in names
     }
-    assert {name: code for name, code in codes.items() if code != 3} == {}
+    assert {name: code for name, code in codes.items() if code != 2} == {}
     assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_file_or_folder_that_is_not_what_a_command_takes_ends_with_2(
+    run: Run, tmp_path: Path
+) -> None:
+    _write_files(tmp_path)
+    (tmp_path / "folder").mkdir()
+    with rtask.open(tmp_path / "kb", ontologies=False):
+        pass
+    calls = (
+        "camera folder", "episodes import folder --data kb", "grasp scene folder",
+        "ontology upgrade folder --data kb", "query --file folder --data kb",
+        "query ASK{} --data f.ttl", "recognise folder", "restore folder new",
+        "update --file folder --data kb", "validate --shapes folder --data kb",
+    )  # fmt: skip
+    codes = {call: run(*call.split()) for call in calls}
+    assert {call: code for call, code in codes.items() if code != 2} == {}
+
+
+def test_a_graph_that_is_damaged_ends_with_3(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "kb").mkdir()
+    (tmp_path / "kb" / "kb.json").write_text("{}")
+    assert run("stats", "--data", "kb") == 3
+
+
+def test_the_name_of_a_robot_that_is_not_there_ends_every_command_with_1(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    of_kinds = _with("--robot").keys() - _with("--data").keys() - _with("--server").keys()
+    calls = [f"{name} {_ROBOT_CALLS.get(name, '')} --robot xyzzy" for name in sorted(of_kinds)]
+    named = ("robot check", "robot remove", "robot restore", "robot srdf", "simulate urdf")
+    calls += [*(f"{name} xyzzy" for name in named), "study tasks --arms xyzzy"]
+    codes = {call: run(*call.split()) for call in calls}
+    assert {call: code for call, code in codes.items() if code != 1} == {}
 
 
 _FAILING = {
@@ -190,4 +231,16 @@ def test_commands_that_find_nothing_end_with_1(run: Run, tmp_path: Path) -> None
         "token list", "where mug", "objects show urn:b", "ontology unload urn:b",
     )  # fmt: skip
     codes = {call: run(*call.split(), "--data", "kb") for call in calls}
+    assert {call: code for call, code in codes.items() if code != 1} == {}
+
+
+def test_what_a_server_does_not_find_ends_with_1_as_in_a_folder(run: Run, tmp_path: Path) -> None:
+    calls = (
+        "contributors withdraw nao-1", "dataset show lab/x", "feedback", "objects show x",
+        "questions answer urn:q 1", "rules show x", "service show a/b",
+        "tasks cancel urn:t --reason x", "why urn:t",
+    )  # fmt: skip
+    with running_server(tmp_path / "kb") as server:
+        codes = {call: run(*call.split(), "--server", server.url) for call in calls}
+        assert run("undo", "1", "--server", server.url) == 2
     assert {call: code for call, code in codes.items() if code != 1} == {}

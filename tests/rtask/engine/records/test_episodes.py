@@ -208,8 +208,11 @@ def test_the_command_lists_writes_and_reads(told, kb, tmp_path, shares):
     out = run("export", str(tmp_path / "again.mcap"))
     assert (out["episodes"], out["pictures"]) == (2, 1)
     assert shares == [(1, 2), (2, 2)]
-    with pytest.raises(UsageError, match="no attempt fits"):
-        run("export", str(tmp_path / "none.mcap"), "--agent", "nobody")
+    words = ("export", str(tmp_path / "none.mcap"), "--agent", "nobody", "-d", folder)
+    done = CliRunner().invoke(command, words)
+    assert (done.exit_code, done.stderr.splitlines()[-1]) == (
+        1, "no attempt fits; see `rtask episodes list`"
+    )  # fmt: skip
 
 
 @pytest.mark.slow

@@ -202,7 +202,7 @@ def test_a_data_set_comes_back_into_another_graph_whole(told, kb, tmp_path):
         assert [one.to_json() for one in back] == [one.to_json() for one in found[:2]]
         assert other.blobs.read(back[0].motion) == kb.blobs.read(found[0].motion)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(DataError, match=r"is no data set: neither"):
+    with pytest.raises(UsageError, match=r"is no data set: neither"):
         read_episodes(kb, tmp_path / "empty")
 
 

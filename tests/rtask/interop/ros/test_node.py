@@ -140,7 +140,10 @@ def test_a_forgotten_success_stores_nothing(robot, seen, gripper):
 
 def test_a_cancelled_goal_ends_at_its_first_feedback(robot, taught, gripper, stamp):
     robot("show", stamp=stamp, tf_stamp=stamp)
-    seen = robot("see", goal={"gripper_id": gripper}, since=stamp, cancel=True)
+    for _ in range(10):  # a robot that gets no processor cancels what has succeeded meanwhile
+        seen = robot("see", goal={"gripper_id": gripper}, since=stamp, cancel=True)
+        if seen["state"] != SUCCEEDED:
+            break
     assert (seen["state"], seen["feedback"]) == (PREEMPTED, [1])
     assert robot("see", goal={"gripper_id": gripper})["state"] == SUCCEEDED
 
