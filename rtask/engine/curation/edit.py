@@ -13,7 +13,7 @@ from rtask.engine.memory.causes import restate
 from rtask.engine.triples import Triples
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RDF, RT
-from rtask.rdf.terms import GraphName, NamedNode, Quad, Triple, object_term
+from rtask.rdf.terms import GraphName, NamedNode, Quad, Subject, Triple, object_term
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -46,15 +46,39 @@ class Edit:
         self.added: dict[Quad, None] = {}
         self._matched: dict[tuple[NamedNode | None, ...], list[Quad]] = {}
         self._may_write: dict[GraphName, bool] = {}
+        self._stored: dict[Subject, list[Quad]] = {}
+        self._writes = kb.store.writes
 
     def match(self, *pattern: NamedNode | None) -> list[Quad]:
         """Return the changeable statements that match a pattern; the list is not to be changed."""
         quads = self._matched.get(pattern)
         if quads is None:
-            # Graphs that nobody may write, such as the reasoner's, follow from the others.
-            quads = [q for q in self._kb.match(*pattern) if self._is_changeable(q.graph_name)]
+            subject, *rest = pattern
+            if isinstance(subject, NamedNode) and not rest:
+                quads = self._changeable(self._about(subject))
+            elif (subject,) in self._matched:
+                quads = [quad for quad in self._matched[(subject,)] if _fits(quad, *rest)]
+            else:
+                quads = self._changeable(self._kb.match(*pattern))
             self._matched[pattern] = quads
         return quads
+
+    def _about(self, subject: NamedNode) -> list[Quad]:
+        """Return all that is stored about a subject, and keep it for the commit."""
+        store = self._kb.store
+        before = store.writes
+        quads = list(store.quads_for_pattern(subject, None, None))
+        if not before == self._writes == store.writes:
+            # Notes that waited were stored, or others wrote: what was read before may have changed.
+            self._stored.clear()
+            self._writes = store.writes
+        if before == self._writes:
+            self._stored[subject] = quads
+        return [quad for quad in quads if isinstance(quad.graph_name, NamedNode)]
+
+    def _changeable(self, quads: Iterable[Quad]) -> list[Quad]:
+        # Graphs that nobody may write, such as the reasoner's, follow from the others.
+        return [quad for quad in quads if self._is_changeable(quad.graph_name)]
 
     def _is_changeable(self, graph: GraphName) -> bool:
         may_write = self._may_write.get(graph)
@@ -157,6 +181,9 @@ class Edit:
         # calls has checked the person's.
         access = Access(author.agent, "admin")
         with context.kb.transaction(access=access, note=NOTE + note) as tx:
+            # The commit has to know of each statement whether another graph says the same.
+            gone = {quad.subject for quad in self.removed}
+            tx.learn((self._stored[node] for node in gone if node in self._stored), self._writes)
             # What is both withdrawn and asserted stays untouched, and out of the history.
             tx.remove_quads(self.removed.keys() - self.added.keys(), as_read=True)
             tx.add_quads(quad for quad in self.added if quad not in self.removed)
@@ -195,6 +222,10 @@ class Edit:
         changed_grasps = {q.subject for p in (RT.hasGrasp, RT.extentX) for q in changed.get(p, ())}
         changed_grasps |= {q.subject for node in grasps for q in both(None, RT.hasGrasp, node)}
         return {node for node in changed_grasps if isinstance(node, NamedNode)}
+
+
+def _fits(quad: Quad, predicate: NamedNode | None = None, value: NamedNode | None = None) -> bool:
+    return predicate in (None, quad.predicate) and value in (None, quad.object)
 
 
 class _WillBe:

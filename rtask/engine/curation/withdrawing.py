@@ -241,8 +241,8 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
                     reports.append(link.object)
         reports += [node for _, node in verdicts]
         for node in reports:
-            edit.forget_bytes(node)
             edit.remove(edit.match(node))
+            edit.forget_bytes(node)
             edit.remove(edit.match(None, None, node))
 
     def kept(self) -> set[NamedNode]:

@@ -296,10 +296,8 @@ def _label(match: Match, outcome: object) -> tuple[bool | None, str]:
         if isinstance(quad.object, NamedNode):
             code = local_name(quad.object.value).removeprefix("reason_")
     for quad in match(outcome, RT.hasFeedback):
-        if not match(quad.object, RT.verdict):
-            continue
         properties = {q.predicate: q.object for q in match(quad.object) if q.predicate != RDF.type}
-        if PROV.wasAttributedTo in properties and RT.atTime in properties:
+        if {RT.verdict, PROV.wasAttributedTo, RT.atTime} <= properties.keys():
             when = str(python_value(object_term(properties[RT.atTime])))
             held = bool(python_value(object_term(properties[RT.verdict])))
             who = properties[PROV.wasAttributedTo]

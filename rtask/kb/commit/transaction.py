@@ -7,7 +7,7 @@ the commit. Do slow work before entering the block.
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
@@ -208,6 +208,18 @@ class Transaction:
         pending = self._pending()
         for quad in quads:
             pending.remove(quad if as_read else stored_quad(quad))
+
+    def learn(self, subjects: Iterable[Sequence[Quad]], writes: int) -> None:
+        """Take over what was read of subjects, so that the commit need not look it up again.
+
+        Parameters
+        ----------
+        subjects
+            For each of them, all that the store held about it, the default graph included.
+        writes
+            Writes of the store so far when that was read; after others it is not used.
+        """
+        self._pending().holders.learn(subjects, writes)
 
     def clear(self, graph: GraphName | str) -> None:
         """Withdraw all statements of a graph."""

@@ -52,6 +52,24 @@ class Holders:
         graphs_of = self._graphs_of
         graphs_of.update(self._store.holders_of_each(key for key in keys if key not in graphs_of))
 
+    def learn(self, subjects: Iterable[Sequence[Quad]], writes: int) -> None:
+        """Take over all that was read of subjects, unless the store was written to since.
+
+        Parameters
+        ----------
+        subjects
+            Everything that the store held about each subject, in every graph.
+        writes
+            Its writes so far by then.
+        """
+        if not writes == self._writes == self._store.writes:
+            return
+        for quads in subjects:
+            holders: dict[TripleKey, list[GraphName]] = {}
+            for quad in quads:
+                holders.setdefault(triple_key(quad), []).append(quad.graph_name)
+            self._graphs_of.update(holders)
+
     def find_meanwhile(
         self, keys: Iterable[TripleKey], lock: Callable[[], AbstractContextManager[object]]
     ) -> None:

@@ -106,3 +106,27 @@ def test_what_changes_while_much_is_looked_up_is_looked_up_again() -> None:
     found = [set(holders.of(triple_key(_quad(n, _G)))) for n in (1, 2, 3)]
     assert found == [{_G}, {_G, _H}, {_G}]
     assert store.looked_up == 1
+
+
+def test_what_was_read_of_a_subject_is_not_looked_up_again() -> None:
+    store = _CountingStore()
+    apply(store, Writes(added=[_quad(1, _G), _quad(1, _H), _quad(2, _H)]))
+    holders, read = Holders(store), list(store.quads_for_pattern(iri("urn:s"), None, None))
+
+    holders.learn([read], store.writes)
+
+    assert set(holders.of(triple_key(_quad(1, _G)))) == {_G, _H}
+    assert list(holders.of(triple_key(_quad(2, _G)))) == [_H]
+    assert store.looked_up == 0
+
+
+def test_what_was_read_before_others_wrote_is_not_used() -> None:
+    store = _CountingStore()
+    apply(store, Writes(added=[_quad(1, _G), _quad(1, _H)]))
+    read, writes = list(store.quads_for_pattern(iri("urn:s"), None, None)), store.writes
+    apply(store, Writes(removed=[_quad(1, _H)]))
+    holders = Holders(store)
+
+    holders.learn([read], writes)
+
+    assert list(holders.of(triple_key(_quad(1, _G)))) == [_G]
