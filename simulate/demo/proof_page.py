@@ -51,6 +51,7 @@ def proof_page(folder: Path, result: Mapping[str, Any]) -> str:
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<link rel="icon" href="data:,">'
         f"<title>One carton, three robots</title><style>\n{style}</style></head><body>\n"
         f"{HATCH}<main><h1>One carton, three robots</h1>\n" + "\n".join(parts)
         + "</main></body></html>\n"

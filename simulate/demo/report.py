@@ -10,6 +10,7 @@ from typing import Any
 from rtask.kb.durability.settings import write_durably
 from simulate.demo.products import by_product
 from simulate.demo.queries import Answer, with_prefixes
+from simulate.demo.report_attempts import attempt_pictures, phase_of
 from simulate.demo.report_page import report_page
 
 __all__ = [
@@ -246,8 +247,8 @@ def _pictures(folder: Path, result: Mapping[str, Any]) -> list[str]:
     lines: list[str] = []
     for encounter in result.get("objects", ()):
         for attempt in encounter["attempts"]:
-            run = attempt.get("run", 0)
-            pictures = sorted((folder / encounter["robot"]).glob(f"{run:02d}-*-*.*")) if run else []
+            made = attempt.get("run", 0)
+            pictures = attempt_pictures(folder, encounter["robot"], attempt) if made else []
             if not pictures:
                 continue
             familiarity = (
@@ -263,7 +264,7 @@ def _pictures(folder: Path, result: Mapping[str, Any]) -> list[str]:
                 "",
             ]
             lines += _markdown(
-                [path.stem.split("-")[-1].replace("_", " ") for path in pictures],
+                [phase_of(path).replace("_", " ") for path in pictures],
                 [[f"![{path.stem}]({path.parent.name}/{path.name})" for path in pictures]],
             )
     return ["", "## Pictures", *lines] if lines else []

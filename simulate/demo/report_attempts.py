@@ -10,7 +10,7 @@ from typing import Any
 from rtask.engine.words import phase_words, reason_words
 from simulate.demo.report_hand import draw_hands, hand_data
 
-__all__ = ["GRASP_WORDS", "robot_cell"]
+__all__ = ["GRASP_WORDS", "attempt_pictures", "phase_of", "robot_cell"]
 
 GRASP_WORDS = {
     "memory": "remembered grasp",
@@ -20,6 +20,21 @@ GRASP_WORDS = {
 }
 _BESIDE = "; alone: "
 """Between what the graph told of a grasp and the grasp that geometry alone would have chosen."""
+
+
+def attempt_pictures(folder: Path, robot: str, attempt: Mapping[str, Any]) -> list[Path]:
+    """Return the pictures of an attempt in the order in which they were taken."""
+    phases = attempt.get("pictures")
+    return [
+        path for path in sorted((folder / robot).glob(f"{attempt['run']:02d}-*-*.*"))
+        # One of the same number may have got further at an earlier table, or in an earlier run.
+        if phases is None or phase_of(path) in phases
+    ]  # fmt: skip
+
+
+def phase_of(picture: Path) -> str:
+    """Return the phase of an attempt that a picture shows, such as ``closed``."""
+    return picture.stem.split("-")[-1]
 
 
 def robot_cell(
@@ -108,10 +123,10 @@ def _advice(text: str, is_shared: bool) -> str:
 
 def _pictures(folder: Path, robot: str, attempt: Mapping[str, Any], succeeded: bool) -> str:
     """Return the picture of the moment of success or failure, and the others folded away."""
-    paths = sorted((folder / robot).glob(f"{attempt['run']:02d}-*-*.*"))
+    paths = attempt_pictures(folder, robot, attempt)
     if not paths:
         return ""
-    phases = [path.stem.split("-")[-1] for path in paths]
+    phases = [phase_of(path) for path in paths]
     moment = phases.index("held") if succeeded and "held" in phases else len(paths) - 1
     kept = attempt["placed"] or attempt["place_reason"] != "slip_transport"
     shots = [_shot(robot, path, phase, kept) for path, phase in zip(paths, phases, strict=True)]

@@ -16,6 +16,7 @@ from rtask.errors import RobotError
 from rtask.scratch import ScratchFolder
 from simulate.demo.products import by_product
 from simulate.demo.recorded import unpack
+from simulate.demo.report_attempts import attempt_pictures, phase_of
 from simulate.study.film.robots import Film, write_film
 
 __all__ = ["Scene", "film_sharing", "scenes_of", "write_recorded"]
@@ -157,8 +158,8 @@ def _outcome(attempt: Mapping[str, Any]) -> str:
 
 
 def _pictures(folder: Path, robot: str, attempt: Mapping[str, Any]) -> Iterator[tuple[str, Path]]:
-    for path in sorted((folder / robot).glob(f"{attempt['run']:02d}-*-*.*")):
-        yield path.stem.split("-")[-1], path
+    for path in attempt_pictures(folder, robot, attempt):
+        yield phase_of(path), path
 
 
 def _wrapped(sentence: str, most: int = 74) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from simulate.demo.report import (
     show_total,
     write_report,
 )
+from simulate.demo.report_attempts import attempt_pictures, phase_of
 
 
 def _met(**changes: Any) -> dict[str, Any]:
@@ -193,6 +194,16 @@ def test_pictures_stand_under_the_object_and_what_came_of_the_attempt(tmp_path: 
     assert "![01-2-closed](nao-1/01-2-closed.png)" in first
     assert second.startswith("nao-1: can-1, known as can 17; held and placed\n")
     assert pictures.count("![") == 3
+
+
+def test_pictures_of_another_attempt_of_the_same_number_are_not_shown(tmp_path: Path) -> None:
+    for name in ("01-1-pre_grasp", "01-2-closed", "01-3-held"):
+        (tmp_path / "alone").mkdir(exist_ok=True)
+        (tmp_path / "alone" / f"{name}.jpg").write_bytes(b"jpg")
+    attempt = {"run": 1, "pictures": ["pre_grasp", "closed"]}
+    shown = [phase_of(path) for path in attempt_pictures(tmp_path, "alone", attempt)]
+    assert shown == ["pre_grasp", "closed"]
+    assert len(attempt_pictures(tmp_path, "alone", {"run": 1})) == 3
 
 
 def test_the_table_says_what_the_graph_had_to_say_of_the_first_grasp() -> None:
