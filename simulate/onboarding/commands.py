@@ -113,6 +113,8 @@ def add(
 ) -> None:
     """Make a robot from a URDF file: find its arms, hands and cameras, and a table that suits it.
 
+    What the file cannot mean as it is written is said at once, before any search.
+
     Everything that the file does not say is guessed, and marked so in the settings, which are there
     to be edited. If no hand is found, the command asks for the links of both jaws. Each hand is
     closed in simulation, on a box and on nothing: exit code 1 if it does not hold the box, though
@@ -120,7 +122,7 @@ def add(
     """
     from simulate.onboarding.check import check_closing
     from simulate.onboarding.guess import NoHandError, guess_robot
-    from simulate.robots.robot_files import save_robot, set_aside
+    from simulate.robots.robot_files import bare_robot, save_robot, set_aside
     from simulate.world.quiet import banner_on_stderr
 
     name = name or urdf.stem
@@ -130,6 +132,10 @@ def add(
     guess = partial(
         guess_robot, urdf, name, gripper=gripper, on=on, srdf=srdf, strict=strict, scale=scale
     )
+    _, warnings = bare_robot(urdf, name=name, strict=strict, gripper=gripper, on=on, scale=scale)
+    # A search that finds no posture would blame the arm for what these say, were they printed last.
+    for warning in warnings:
+        click.echo(f"warning: {warning}", err=True)
     with banner_on_stderr():
         try:
             made = guess(jaws=jaws)
@@ -198,8 +204,6 @@ def _as_json(
 
 
 def _print_added(name: str, path: Path, made: GuessedRobot, closing: Sequence[Finding]) -> None:
-    for warning in made.warnings:
-        click.echo(f"warning: {warning}", err=True)
     for arm in made.robot.arms.values():
         does = f"opens {1000 * arm.mouth:.0f} mm"
         if arm.cup is not None:

@@ -34,11 +34,11 @@ from simulate.robots.description import (
     Pose,
     RobotDescription,
 )
+from simulate.robots.doctor.units import oversized
 from simulate.robots.jaw_shapes import with_open_mouths
 from simulate.robots.other_hands import MOUNT, OtherHand, arm_with, other_hand
 from simulate.robots.robot_files import bare_robot, robot_from, settings_of
 from simulate.robots.srdf import Srdf, read_srdf
-from simulate.robots.urdf_doctor import oversized
 from simulate.robots.urdf_reader import read_urdf
 
 __all__ = ["GuessedRobot", "NoHandError", "guess_robot"]

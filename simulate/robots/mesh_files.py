@@ -30,7 +30,7 @@ def find_mesh(urdf: Path, name: str, within: Path | None = None) -> Path | None:
         The only folder that meshes may lie in, for files of strangers: a package is this folder,
         or one in it. None = anywhere.
     """
-    for written in dict.fromkeys((name, unquote(name))):
+    for written in dict.fromkeys((name, unquote(name), name.replace("\\", "/"))):
         for path in (candidate.resolve() for candidate in _candidates(urdf, written, within)):
             if (within is None or path.is_relative_to(within.resolve())) and path.is_file():
                 return path
@@ -55,11 +55,15 @@ def _candidates(urdf: Path, name: str, within: Path | None) -> Iterator[Path]:
 def load_mesh(path: Path) -> Any:
     """Return a mesh file (OBJ, STL, PLY, ...) as a trimesh.Trimesh, in its own units.
 
+    A Collada file states the length of its unit, and the physics engine multiplies by it; so its
+    vertices come in m here, too, or planning and physics would see two robots.
+
     Raises
     ------
     RobotError
-        The file is missing, of an unknown format or without vertices.
+        The file is missing, of an unknown format, without vertices or with one that is no number.
     """
+    import numpy as np
     import trimesh
 
     try:
@@ -69,5 +73,28 @@ def load_mesh(path: Path) -> Any:
     except (ValueError, NotImplementedError, ImportError) as error:
         raise RobotError(f"{path}: cannot read the mesh: {error}") from error
     if not len(mesh.vertices):
-        raise RobotError(f"{path}: the mesh has no vertices")
+        raise RobotError(f"{path}: the mesh has no vertices{_pointer_hint(path)}")
+    if not np.isfinite(mesh.vertices).all():
+        raise RobotError(f"{path}: the mesh has vertices that are no numbers")
+    if path.suffix.lower() == ".dae" and mesh.units:
+        mesh.apply_scale(_metres(mesh.units))
     return mesh
+
+
+def _metres(unit: str) -> float:
+    """Return the length of a unit as trimesh names it for Collada: ``meters``, ``.01 * meters``.
+
+    Examples
+    --------
+    >>> _metres("0.01 * meters"), _metres("meters")
+    (0.01, 1.0)
+    """
+    factor, _, _ = unit.rpartition("*")
+    return float(factor) if factor else 1.0
+
+
+def _pointer_hint(path: Path) -> str:
+    """Return what to do about a file that Git left as a pointer to its content."""
+    with path.open("rb") as file:
+        is_pointer = file.read(40).startswith(b"version https://git-lfs")
+    return ": it is a pointer of Git LFS; git lfs pull brings the file" if is_pointer else ""

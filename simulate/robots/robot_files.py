@@ -26,9 +26,9 @@ from simulate.robots.description import (
     RobotDescription,
     Workplace,
 )
+from simulate.robots.doctor.units import oversized, with_scale
 from simulate.robots.jaw_shapes import with_open_mouths
 from simulate.robots.other_hands import MOUNT, OtherHand, other_hand
-from simulate.robots.urdf_doctor import oversized, with_scale
 from simulate.robots.urdf_reader import read_urdf
 
 __all__ = [

@@ -20,10 +20,8 @@ import numpy as np
 
 from rtask.errors import RobotError
 from simulate.robots.description import Inertial, Joint, Link, Pose, Shape, Vector
-from simulate.robots.mass import estimated_inertial
-from simulate.robots.mesh_cover import mesh_box
-from simulate.robots.mesh_files import find_mesh
-from simulate.robots.urdf_doctor import (
+from simulate.robots.doctor.spelling import without_namespaces, writing_doubts
+from simulate.robots.doctor.units import (
     doubtful_limits,
     doubtful_masses,
     doubtful_motions,
@@ -31,6 +29,9 @@ from simulate.robots.urdf_doctor import (
     doubtful_turns,
     lost_sources,
 )
+from simulate.robots.mass import estimated_inertial
+from simulate.robots.mesh_cover import mesh_box
+from simulate.robots.mesh_files import find_mesh
 from simulate.robots.urdf_joints import (
     from_the_root,
     has_shape_below,
@@ -106,7 +107,7 @@ def read_urdf(
     except OSError as error:
         raise RobotError(f"{path}: {error.strerror}") from error
     reader = _Reader(path, strict, shapes, meshes_in)
-    tree = reader.parse(text)
+    tree = without_namespaces(reader.parse(text))
     if tree.tag != "robot":
         raise RobotError(f"{path}: expected <robot>, found <{tree.tag}>")
     return reader.read(tree)
@@ -176,11 +177,9 @@ class _Reader:
         ]  # fmt: skip
         ordered = tuple(from_the_root(self._path, roots[0], joints))
         self._warnings += doubtful_places(links.values(), ordered)
-        for other in tree.iter("robot"):
-            if other is not tree:
-                self._warnings.append(f"<robot name={other.get('name')!r}> inside: left out")
-        name = tree.get("name", self._path.stem)
-        return ReadRobot(name, roots[0], tuple(links.values()), ordered, tuple(self._warnings))
+        self._warnings += writing_doubts(tree)
+        name, warnings = tree.get("name", self._path.stem), tuple(dict.fromkeys(self._warnings))
+        return ReadRobot(name, roots[0], tuple(links.values()), ordered, warnings)
 
     def _refuse_twins(self, joints: Sequence[Joint]) -> None:
         seen: set[str] = set()
@@ -251,6 +250,8 @@ class _Reader:
         mass = self._number(where, mass_of, "value", 0.0) if mass_of is not None else 0.0
         if mass <= 0.0 or tag is None:
             if not moves:
+                if mass < 0.0:
+                    self._gap(where, f"weighs {mass:g} kg", "its weight left out, as it is still")
                 return Inertial(0.0, _ZERO, _ZERO)
             problem = (
                 "moves and has no <inertial>: expected mass and inertia"

@@ -260,7 +260,7 @@ def test_a_fixed_joint_without_a_range_stays_fixed(tmp_path):
         ("<inertial>", '<inertial><origin xyz="120 0 0"/>', "centre of mass 120 m beside it"),
         ("<collision>", '<collision><origin xyz="0 0 150"/>', "its shape 150 m beside it"),
         ("<collision>", '<collision><origin rpy="0 90 0"/>', "turned by more than a turn"),
-        (".04 .04 .04", "4 4 4", "4 m large on a robot that spans 0.6 m: centimetres?"),
+        (".04 .04 .04", "4 4 4", "4 m large on a robot that spans 0.6 m: centimetres or inches?"),
         ('<axis xyz="0 1 0"/>', '<axis xyz="0 2 0"/>', "an axis of length 2; taken as 1"),
         ("</robot>", '<robot name="other"/></robot>', "<robot name='other'> inside: left out"),
     ],

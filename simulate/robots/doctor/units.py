@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rtask.errors import RobotError
-from simulate.robots.description import Joint, Link, Shape
+from simulate.robots.description import Floats, Joint, Link, Shape
 from simulate.robots.mass import estimated_inertial
-from simulate.robots.mesh_cover import mesh_box
+from simulate.robots.mesh_cover import mesh_box, shape_corners
 
 __all__ = [
     "Oversized",
@@ -35,12 +35,26 @@ _ENDLESS_RAD = 1000.0
 _TURNED_RAD = 2 * math.pi + 0.01
 _TIMES_WATER, _HEAVY_KG = 100.0, 1.0
 """The densest metal is 23 times as heavy as water; simplified shapes are smaller than the links."""
+_TIMES_GYRATION, _LEAST_GYRATION = 20.0, 0.003
+"""Radius of gyration of a link over its longest side. Of a solid it is about a third; a tenth of a
+link's side is seen at motors, a thousandth is another unit (g mm2), as is thirty times (kg cm2)."""
+_WIDEST_M = 2.0
+_TIMES_OUTSIDE = 3.0
+"""So many sides away from its own shape, a centre of mass is another link's, or in another unit."""
+_TINY_M = 1e-3
+"""Longest side of a link that is a speck: metres read as millimetres."""
+_TIMES_OTHERS = 5.0
+"""So many times as long as all others of its chain, an origin is in another unit."""
+_STRONGEST, _WEAKEST, _SLOWEST = 5000.0, 1e-3, 1e-3
+"""N m or N, and rad/s or m/s: the joints of robots that weigh tons stay below the first."""
+_LEAST_SHARED = 0.05
+"""Share of its way that a follower has within its own limits, at least."""
 _FASTEST_RAD_S, _ENDLESS_RAD_S = 60.0, (100.0, 1000.0)
 """Legs turn at 52 rad/s, arms slower; from 100 on, whole powers of ten mean that nobody knows."""
 _LONGEST_SLIDE_M = 10.0
-_TIMES_AWAY, _TIMES_SIZE = 2.0, 3.0
+_TIMES_AWAY, _TIMES_SIZE = 2.0, 1.5
 """So many times the reach from its joint, a shape or a centre of mass is in another unit, and so
-many times as large a moving link: in centimetres."""
+many times as large a moving link: in centimetres or inches."""
 _TIMES_REACH = 20.0
 _LARGE_M = 1.0
 _LONGEST_M = 30.0
@@ -83,7 +97,10 @@ def doubtful_limits(joints: Iterable[Joint]) -> Iterator[str]:
     """
     for joint in joints:
         farthest = max(abs(joint.lower), abs(joint.upper))
-        if joint.kind == "revolute" and _TURNS_RAD < farthest <= _ENDLESS_RAD:
+        # Whole numbers beyond one turn are degrees: 7.85 rad are written with their fractions.
+        is_whole = joint.lower == round(joint.lower) and joint.upper == round(joint.upper)
+        doubtful = _TURNED_RAD if is_whole else _TURNS_RAD
+        if joint.kind == "revolute" and doubtful < farthest <= _ENDLESS_RAD:
             lower, upper = math.radians(joint.lower), math.radians(joint.upper)
             yield (
                 f"joint {joint.name!r} turns from {joint.lower:g} to {joint.upper:g} rad: "
@@ -94,14 +111,26 @@ def doubtful_limits(joints: Iterable[Joint]) -> Iterator[str]:
 def doubtful_turns(joints: Iterable[Joint]) -> Iterator[str]:
     """Yield a sentence for each joint whose origin is turned as if by degrees."""
     for joint in joints:
-        if max(map(abs, joint.pose.rpy)) > _TURNED_RAD:
+        if any(_is_turned_by_degrees(angle) for angle in joint.pose.rpy):
             shown = " ".join(f"{angle:g}" for angle in joint.pose.rpy)
             yield f"joint {joint.name!r} has the rpy {shown} rad: degrees?; taken as it stands"
+
+
+def _is_turned_by_degrees(angle: float) -> bool:
+    """Tell whether an angle of an origin is beyond a turn, or whole and beyond half a turn."""
+    return abs(angle) > _TURNED_RAD or (abs(angle) > math.pi and angle == round(angle))
 
 
 def doubtful_motions(joints: Sequence[Joint]) -> Iterator[str]:
     """Yield a sentence for each joint that cannot move, or is said to move as no joint does."""
     by_name = {joint.name: joint for joint in joints}
+    strong = [joint for joint in joints if joint.kind != "fixed" and joint.effort > _STRONGEST]
+    if strong:
+        others = f" (and {len(strong) - 1} more)" if len(strong) > 1 else ""
+        yield (
+            f"joint {strong[0].name!r}{others} has an effort of {strong[0].effort:g} "
+            f"{'N m' if strong[0].kind == 'revolute' else 'N'}: thousandths?; taken as it stands"
+        )
     for joint in joints:
         if joint.kind == "fixed":
             continue
@@ -119,8 +148,19 @@ def doubtful_motions(joints: Sequence[Joint]) -> Iterator[str]:
                 f"{where} turns at {joint.velocity:g} rad/s: degrees? (that would be "
                 f"{math.radians(joint.velocity):.3g}); taken as it stands"
             )
+        yield from _doubtful_strength(joint)
         if joint.mimic is not None:
             yield from _doubtful_following(joint, by_name.get(joint.mimic[0]))
+
+
+def _doubtful_strength(joint: Joint) -> Iterator[str]:
+    where, turns = f"joint {joint.name!r}", joint.kind == "revolute"
+    unit = "N m" if turns else "N"
+    if 0 < joint.effort < _WEAKEST:
+        yield f"{where} has an effort of {joint.effort:g} {unit}, which moves nothing"
+    if 0 < joint.velocity < _SLOWEST:
+        speed = f"{joint.velocity:g} {'rad/s' if turns else 'm/s'}"
+        yield f"{where} moves at {speed}, and so takes many minutes for its range"
 
 
 def _doubtful_following(joint: Joint, source: Joint | None) -> Iterator[str]:
@@ -130,8 +170,18 @@ def _doubtful_following(joint: Joint, source: Joint | None) -> Iterator[str]:
         yield f"{where} follows {joint.mimic[0]!r} by a multiplier of 0: it stands still"
     if joint.kind == "revolute" and abs(joint.mimic_offset) > _TURNED_RAD:
         yield f"{where} follows with an offset of {joint.mimic_offset:g} rad: degrees?"
+        return
     span = joint.upper - joint.lower
-    if source is not None and 0 < _TIMES_REACH * span < abs(factor) * (source.upper - source.lower):
+    if source is None or factor == 0 or span <= 0:
+        return
+    ends = sorted(factor * end + joint.mimic_offset for end in (source.lower, source.upper))
+    shared = min(ends[1], joint.upper) - max(ends[0], joint.lower)
+    if shared <= _LEAST_SHARED * min(ends[1] - ends[0], span):
+        yield (
+            f"{where} follows {source.name!r} from {ends[0]:.3g} to {ends[1]:.3g}, outside of its "
+            f"limits {joint.lower:g} .. {joint.upper:g}: another sign of multiplier or offset?"
+        )
+    elif _TIMES_REACH * span < abs(factor) * (source.upper - source.lower):
         yield (
             f"{where} follows {source.name!r} by a multiplier of {factor:g}, which leads far out "
             f"of its limits {joint.lower:g} .. {joint.upper:g}: another unit?"
@@ -145,36 +195,97 @@ def doubtful_places(links: Iterable[Link], joints: Sequence[Joint]) -> Iterator[
     if reach <= 0:
         return
     far = max(_TIMES_AWAY * reach, _LARGE_M)
-    moved = {joint.child for joint in joints if joint.kind != "fixed"}
+    moved: set[str] = set()
+    for joint in joints:  # parents come first
+        if joint.kind != "fixed" or joint.parent in moved:
+            moved.add(joint.child)
+    yield from _doubtful_offsets(joints)
     for link in links:
-        away = max((float(np.linalg.norm(shape.pose.xyz)) for shape in link.shapes), default=0.0)
-        if away > far:
-            yield (
-                f"link {link.name!r} has its shape {away:.3g} m beside it, on a robot that spans "
-                f"{reach:.2g} m: another unit?; taken as it stands"
-            )
-        off = float(np.linalg.norm(link.inertial.centre))
-        if link.inertial.mass > 0 and off > far:
-            yield (
-                f"link {link.name!r} has its centre of mass {off:.3g} m beside it, on a robot that "
-                f"spans {reach:.2g} m: another unit?; taken as it stands"
-            )
+        yield from _doubtful_place(link, far, reach)
         if any(max(map(abs, shape.pose.rpy)) > _TURNED_RAD for shape in link.shapes):
             yield f"link {link.name!r} has a shape turned by more than a turn: degrees?"
-        size = max((_longest_side(shape) for shape in link.shapes), default=0.0)
-        if link.name in moved and max(_TIMES_SIZE * reach, _LARGE_M) < size <= max(
-            _TIMES_REACH * reach, _LARGE_M
-        ):
+        yield from _doubtful_size(link, reach, link.name in moved)
+
+
+def _doubtful_place(link: Link, far: float, reach: float) -> Iterator[str]:
+    box = _box_of(link)
+    away = 0.0 if box is None else float(np.linalg.norm(np.clip(0.0, *box)))
+    if away > far:
+        yield (
+            f"link {link.name!r} has its shape {away:.3g} m beside it, on a robot that spans "
+            f"{reach:.2g} m: another unit?; taken as it stands"
+        )
+    off = float(np.linalg.norm(link.inertial.centre))
+    if link.inertial.mass > 0 and off > far:
+        yield (
+            f"link {link.name!r} has its centre of mass {off:.3g} m beside it, on a robot that "
+            f"spans {reach:.2g} m: another unit?; taken as it stands"
+        )
+
+
+def _doubtful_size(link: Link, reach: float, moves: bool) -> Iterator[str]:
+    size = max((_longest_side(shape) for shape in link.shapes), default=0.0)
+    limit = max(_TIMES_REACH * reach, _LARGE_M)
+    if moves and max(_TIMES_SIZE * reach, _LARGE_M) < size <= limit:
+        yield (
+            f"link {link.name!r} is {size:.3g} m large on a robot that spans {reach:.2g} m: "
+            "centimetres or inches?; taken as it stands"
+        )
+    # A floor is wide and flat; what is large every way holds the robot inside.
+    thickness = max((_shortest_side(shape) for shape in link.shapes), default=0.0)
+    if not moves and thickness > limit:
+        yield (
+            f"link {link.name!r}, which does not move, is {size:.3g} m large on a robot that spans "
+            f"{reach:.2g} m: millimetres?; taken as it stands"
+        )
+    if moves and 0 < size < _TINY_M:
+        yield (
+            f"link {link.name!r} is {1000 * size:.2g} mm large on a robot that spans {reach:.2g} "
+            "m: a scale too much?; taken as it stands"
+        )
+
+
+def _doubtful_offsets(joints: Sequence[Joint]) -> Iterator[str]:
+    """Yield a sentence for each joint that lies, or slides, far beyond the rest of its chain."""
+    by_child = {joint.child: joint for joint in joints}
+    steps = {j.child: float(np.linalg.norm(j.pose.xyz)) for j in joints}
+    for joint in joints:
+        chain = list(_chain_to(joint, by_child))
+        moving = sum(j.kind != "fixed" for j in chain)
+        others = sum(steps[j.child] for j in chain)
+        below = max((steps[j.child] for j in joints if j.parent == joint.child), default=0.0)
+        rest = max(others + below, _LARGE_M / _TIMES_OTHERS)
+        if moving and steps[joint.child] > _TIMES_OTHERS * rest:
             yield (
-                f"link {link.name!r} is {size:.3g} m large on a robot that spans {reach:.2g} m: "
-                "centimetres?; taken as it stands"
+                f"joint {joint.name!r} lies {steps[joint.child]:.3g} m from its parent, all others "
+                f"of its chain {others:.2g} m together: another unit?; taken as it stands"
             )
+        slides = joint.upper - joint.lower if joint.kind == "prismatic" else 0.0
+        # Slides of a base or a gantry come first, and are as long as a room.
+        if moving > 1 and _LARGE_M < slides <= _LONGEST_SLIDE_M and 0 < others < slides:
+            yield (
+                f"joint {joint.name!r} slides by {slides:.3g} m at the end of an arm of "
+                f"{others:.2g} m: another unit?; taken as it stands"
+            )
+
+
+def _chain_to(joint: Joint, by_child: Mapping[str, Joint]) -> Iterator[Joint]:
+    """Yield the joints before one, as far as no ring is closed."""
+    seen = {joint.child}
+    at = by_child.get(joint.parent)
+    while at is not None and at.child not in seen:
+        seen.add(at.child)
+        yield at
+        at = by_child.get(at.parent)
 
 
 def doubtful_masses(links: Iterable[Link]) -> Iterator[str]:
-    """Yield a sentence for each link that weighs far more than any metal of its shape."""
+    """Yield a sentence for each link whose mass or inertia is that of no body of its shape."""
     for link in links:
-        if link.inertial.mass < _HEAVY_KG or not link.shapes:
+        if link.inertial.mass <= 0 or not link.shapes:
+            continue
+        yield from _doubtful_inertia(link)
+        if link.inertial.mass < _HEAVY_KG:
             continue
         try:
             water = estimated_inertial(link.shapes).mass
@@ -185,6 +296,32 @@ def doubtful_masses(links: Iterable[Link]) -> Iterator[str]:
                 f"link {link.name!r} weighs {link.inertial.mass:g} kg, {water:.2g} kg if its shape "
                 "were of water: grams?; taken as it stands"
             )
+
+
+def _doubtful_inertia(link: Link) -> Iterator[str]:
+    box = _box_of(link)
+    if box is None:
+        return
+    low, high = box
+    side = float((high - low).max())
+    moment = float(np.linalg.eigvalsh(link.inertial.tensor)[-1])
+    gyration = math.sqrt(max(moment, 0.0) / link.inertial.mass)
+    is_placeholder = moment > 0 and math.log10(moment).is_integer()
+    is_meant = _LEAST_GYRATION * side < gyration < _TIMES_GYRATION * side
+    if moment > 0 and side < _WIDEST_M and not is_placeholder and not is_meant:
+        unit = "g mm2" if gyration < side else "kg cm2"
+        yield (
+            f"link {link.name!r} has moments of inertia of {moment:.3g} kg m2 at "
+            f"{link.inertial.mass:g} kg, as of a body {1000 * gyration:.2g} mm about its middle, "
+            f"with a shape of {1000 * side:.0f} mm: {unit}?; taken as it stands"
+        )
+    centre = np.array(link.inertial.centre)
+    outside = float(np.linalg.norm(np.maximum(np.maximum(low - centre, centre - high), 0)))
+    if outside > _TIMES_OUTSIDE * side:
+        yield (
+            f"link {link.name!r} has its centre of mass {outside:.3g} m outside of its shape, "
+            f"which is {side:.2g} m large; taken as it stands"
+        )
 
 
 def lost_sources(joints: Sequence[Joint]) -> dict[str, str]:
@@ -296,3 +433,30 @@ def _longest_side(shape: Shape) -> float:
         return max(shape.size)
     radius = 2 * shape.size[0]
     return max(radius, shape.size[1]) if shape.kind == "cylinder" else radius
+
+
+def _shortest_side(shape: Shape) -> float:
+    if shape.kind == "mesh":
+        try:
+            low, high = mesh_box(shape.path, shape.size)
+        except RobotError:
+            return 0.0
+        return float((high - low).min())
+    if shape.kind == "box":
+        return min(shape.size)
+    radius = 2 * shape.size[0]
+    return min(radius, shape.size[1]) if shape.kind == "cylinder" else radius
+
+
+def _box_of(link: Link) -> tuple[Floats, Floats] | None:
+    """Return the lowest and the highest corner (3,) m of a link's shapes, in its frame."""
+    corners = []
+    for shape in link.shapes:
+        try:
+            corners.append(shape_corners(shape))
+        except RobotError:  # a mesh that cannot be read is named elsewhere
+            return None
+    if not corners:
+        return None
+    stacked = np.concatenate(corners)
+    return stacked.min(axis=0), stacked.max(axis=0)
