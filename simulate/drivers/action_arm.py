@@ -105,6 +105,8 @@ class ActionArm(FollowingArm):
         watch = MotionWatch(way, self._joints)
         end = self._carried_out(way, watch)
         end.check(self._ros, self._name)
+        if doubt := watch.pace_doubt():
+            self._say(doubt)
         return watch.check_followed
 
     def _carried_out(self, way: Trajectory, watch: MotionWatch) -> GoalEnd:

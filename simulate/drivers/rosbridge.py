@@ -59,7 +59,7 @@ class _Link:
             return None
         except ConnectionClosed as error:
             raise RemoteUnavailableError(f"the connection was lost: {error}") from error
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:  # the latter of lists within lists
             raise RemoteUnavailableError(f"the server sent what is no JSON: {error}") from error
         if not isinstance(message, dict):
             return {}
@@ -169,6 +169,8 @@ class RosbridgeArm(FollowingArm):
         watch = MotionWatch(way, self._joints)
         end = self._carried_out(self._goal, way, watch)
         end.check(self._ros, self._action)
+        if doubt := watch.pace_doubt():
+            self._say(doubt)
         return watch.check_followed
 
     def _carried_out(self, goal: str, way: Trajectory, watch: MotionWatch) -> GoalEnd:

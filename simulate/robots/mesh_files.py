@@ -77,7 +77,7 @@ def load_mesh(path: Path) -> Any:
     if not np.isfinite(mesh.vertices).all():
         raise RobotError(f"{path}: the mesh has vertices that are no numbers")
     if path.suffix.lower() == ".dae" and mesh.units:
-        mesh.apply_scale(_metres(mesh.units))
+        mesh.vertices = mesh.vertices * _metres(mesh.units)
     return mesh
 
 

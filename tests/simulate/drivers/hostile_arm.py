@@ -53,12 +53,22 @@ class HostileArm:
             goal, began, times, rows = motion
             passed = self.clock - began
             before = self.at
-            self.at = np.array([np.interp(passed, times, column) for column in rows.T])
+            self.at = self._place(passed, times, rows)
             if (self.at != before).any():
                 self.last_moved = self.clock
             if passed >= times[-1] and self.motion is motion:
                 self.motion = None
                 self.over.append(goal)
+
+    def _place(self, passed, times, rows):
+        """Return where a motion is, in the way that it goes."""
+        goes = self.end.get("goes") if isinstance(self.end, dict) else None
+        if goes == "half" and passed > times[-1] / 2:  # another controller has the joints now
+            self.motion = None
+        at = np.array([np.interp(passed, times, column) for column in rows.T])
+        if goes == "aside" and passed < times[-1]:
+            at[0] += 0.8 * np.sin(np.pi * passed / times[-1])
+        return 2 * rows[0] - at if goes == "mirrored" else at
 
     def take(self, goal, points):
         """Take a goal; return whether it has ended at once."""
@@ -70,7 +80,7 @@ class HostileArm:
             return False
         if self.end == "states stop":
             self.state = "none"
-        if self.end in ("renamed", "unannounced motion"):
+        if self.end in ("renamed", "unannounced motion", "NaN", "incomplete"):
             self.state = self.end
         if isinstance(self.end, str):
             return False
@@ -100,6 +110,8 @@ class HostileArm:
         names, at = list(JOINTS), self.at.tolist()
         if self.state == "a text for a list":
             at = "0.9 0.3"
+        if isinstance(self.end, dict) and self.end.get("goes") == "unseen":
+            at = list(START)
         stamp = {"sec": seconds, "nanosec": nanoseconds}
         velocity = [0.0, 1.5] if self.state == "moving" else [0.0, 0.0]
         match self.state:
@@ -113,6 +125,14 @@ class HostileArm:
                 at[1] = None  # as rosbridge writes what JSON has no number for
             case "a text for a number":
                 at[1] = "0.3"
+            case "two seconds old":
+                stamp["sec"] -= 2
+            case "one old state, as latched" if self.tick() == 1:
+                stamp["sec"] -= 3600
+            case "one state of the future" if self.tick() == 1:
+                stamp["sec"] += 10**8
+            case "without speed, moving":
+                at, velocity = (self.at + 0.5 * (time.time() % 4)).tolist(), [0.0, 0.0]
             case "a huge number":
                 at[1] = 10**400
             case "no names":
