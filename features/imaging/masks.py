@@ -49,9 +49,11 @@ def labels_from_png(data: bytes) -> NDArray[np.int32]:
         raise CloudFormatError("the mask does not decode")
     if image.ndim == 2:
         return np.asarray(image, dtype=np.int32)
+    # A colour is a label: tools that show masks to people paint them.
     wide = image[..., :3].astype(np.int64)
     number = wide[..., 2] << 16 | wide[..., 1] << 8 | wide[..., 0]
     colours, of = np.unique(number, return_inverse=True)
+    # Lossy compression makes a new colour of nearly every pixel along an outline.
     if len(colours) > _MAX_LABELS:
         raise CloudFormatError(f"a mask of {len(colours)} colours; save it without compression")
     ranks = np.cumsum(colours > 0) * (colours > 0)
@@ -95,6 +97,7 @@ def decode_rle(rle: Mapping[str, Any]) -> NDArray[np.bool_]:
     if runs.sum() != height * width:
         raise CloudFormatError(f"RLE: the counts make {runs.sum()} px, not {height}x{width}")
     values = (np.arange(len(runs)) % 2).astype(bool)
+    # COCO counts down the columns, as Matlab stores images.
     return np.repeat(values, runs).reshape(width, height).T.copy()
 
 
@@ -111,6 +114,7 @@ def _uncompressed(text: str | bytes, most: int) -> list[int]:
         shift += 5
         if digit & 32:
             continue
+        # The sign of a difference is the highest bit of its last digit.
         if digit & 16:
             value -= 1 << shift
         counts.append(value + counts[-2] if len(counts) > 2 else value)
@@ -215,6 +219,7 @@ def _annotated(
             points = _finite_numbers(polygon)
             if len(points) < 6 or len(points) % 2:
                 raise CloudFormatError(f"annotation {number}: a polygon is [x1, y1, x2, y2, ...]")
+            # Beyond that the conversion to int32 would wrap around, and draw elsewhere.
             outlines.append(np.rint(np.clip(points, -1e6, 1e6)).astype(np.int32).reshape(-1, 2))
         drawn = np.zeros(shape, np.uint8)
         cv2.fillPoly(drawn, outlines, 1)

@@ -122,6 +122,8 @@ class ObjectModel:
         poses = [pose for _, pose in self.sources] + [registration.object_from_camera]
         names = [name for name, _ in self.sources] + [name]
         views = self.views if features is None else (*self.views, (features, len(self.sources)))
+        # Settling compares all scans with each other, so its time grows with the square of their
+        # number; later views are only added to the surface.
         if len(self.scans) < len(self.sources) or len(poses) > _MAX_SETTLED:
             cloud = fused(
                 np.vstack([self.cloud, scan.moved(registration.object_from_camera)]),
@@ -176,6 +178,7 @@ class ObjectModel:
 
     def revolved(self) -> ObjectModel:
         """Return the body that a round object's surface sweeps about the z axis of its frame."""
+        # Fixed, so that the same views give the same model on each machine.
         rng = np.random.default_rng(0)
         rows = np.sort(rng.permutation(len(self.cloud))[:_MAX_SWEPT])
         axis = np.array([0.0, 0.0, 1.0])
@@ -206,6 +209,7 @@ class ObjectModel:
             "names": np.array([name for name, _ in self.sources], np.str_),
             "poses": np.array([pose for _, pose in self.sources], "<f8").reshape(-1, 4, 4),
         }
+        # With the scans at hand the surface is computed from them again, and need not be stored.
         if not self.scans:
             arrays |= {
                 "cloud": self.cloud.astype("<f4"),
@@ -247,6 +251,7 @@ class ObjectModel:
         oriented = scan.rows.astype(np.float64)
         if given is not None:
             return registered(self._surface, frame, oriented, given, "given", is_measured)
+        # Newest first: the last view was most likely taken from nearby.
         for stored, number in reversed(self.views if features is not None else ()):
             assert features is not None
             movement = match_views(stored, features).first_from_second
@@ -257,6 +262,8 @@ class ObjectModel:
                     return registration
         labels = (frame.object_mask() & (frame.depth_m > 0)).astype(np.int32)
         estimate = estimate_pose(self.pose_model(), frame, labels, 1, PoseParams(merge=False))
+        # A view put on the wrong side of the model spoils it for good; one that is left out can be
+        # taken again.
         if estimate is None or estimate.ambiguous or estimate.fit < _MIN_FIT:
             return None
         inverse = np.linalg.inv(estimate.camera_from_object).astype(np.float64)

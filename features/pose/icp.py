@@ -56,6 +56,7 @@ def _met(point, normal, r, t, samples, grid, corner, cell):  # type: ignore[no-u
 def _solve(a, b):  # type: ignore[no-untyped-def]
     """Solve a symmetric 6 x 6 system in place by Cholesky; False when it is singular."""
     for i in range(6):
+        # A flat or round part leaves directions undetermined; damped, they stay where they are.
         a[i, i] += _DAMPING * a[i, i] + 1e-12
     for i in range(6):
         for j in range(i + 1):
@@ -85,6 +86,7 @@ def _solve(a, b):  # type: ignore[no-untyped-def]
 def _move(r, t, step):  # type: ignore[no-untyped-def]
     """Apply a step (turn, shift) of the points in the model's frame to the model's pose."""
     angle = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+    # The step is linear in the angle, which holds for small ones only.
     scale = min(1.0, _MAX_TURN_RAD / angle) if angle > 1e-12 else 1.0
     angle *= scale
     e = np.eye(3)
@@ -146,6 +148,8 @@ def align(
                 x, y, z, ex, ey, ez, nx, ny, nz, facing = _met(
                     points[p], normals[p], r, t, samples, grid, corner, cell
                 )
+                # Geman-McClure: what the model does not explain, such as a neighbour's points,
+                # loses its say as the cut shrinks.
                 far = 1.0 + (ex * ex + ey * ey + ez * ez) / (cut * cut)
                 w = max(facing, _MIN_FACING) / (far * far)
                 row[0], row[1], row[2] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
@@ -156,6 +160,7 @@ def align(
                     b[i] -= wi * off
                     for j in range(i + 1):
                         a[i, j] += wi * row[j]
+                # Point to plane alone lets a flat face slide along the model's for nothing.
                 slow = _BOUND_SLIDING * w
                 a[3, 3] += slow
                 a[4, 4] += slow

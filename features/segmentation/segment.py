@@ -180,6 +180,8 @@ def segment_cloud(
         voxels = facing(voxels, viewpoints[chosen])
     clock.lap("voxels")
     of_voxel, patches = _objects_of_voxels(voxels, params, clock)
+    # Points are counted, not voxels: a voxel far from the camera holds few of them, a near one
+    # many.
     sizes = np.bincount(of_voxel, weights=voxels.counts).astype(np.int64)
     new, counts = _ranks(sizes, params.min_points)
     labels, patch_labels = _hand_down(chosen, voxels.of_point, new[of_voxel], patches, len(flat))
@@ -285,6 +287,7 @@ def number_by_size(
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Number the labels by falling size and drop the small ones."""
     sizes = np.bincount(labels, minlength=1).astype(np.int64)
+    # 0 means no object, and would often be the largest one.
     sizes[0] = 0
     new, counts = _ranks(sizes, min_points)
     return new[labels], counts
@@ -292,6 +295,7 @@ def number_by_size(
 
 def _ranks(sizes: NDArray[np.int64], fewest: int) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Return the rank (k,) of each size, from 1, 0 = too small, and the sizes by rank."""
+    # Stable, so that equal sizes are numbered alike on every processor.
     order = np.argsort(-sizes, kind="stable")
     order = order[sizes[order] >= max(fewest, 1)]
     ranks = np.zeros(len(sizes), np.int32)

@@ -130,11 +130,14 @@ class Connection:
                     raise QueryTimeout(
                         f"{where}: no complete answer within {timeout_s:g} s", timeout_s=timeout_s
                     ) from error
+                # An update may have been carried out although its answer was lost; one that never
+                # left was not.
                 never_sent = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
                 if last or not (repeat or never_sent):
                     reason = str(error) or type(error).__name__
                     raise RemoteUnavailableError(f"{where}: {reason}") from error
             else:
+                # 502 and 504 come from a proxy, behind which an update may have run.
                 again = answer.status_code in (_UNAVAILABLE if repeat else _DID_NOT_RUN)
                 if last or not (again or _was_rolled_back(answer)):
                     return checked(answer, where) if judged else answer
@@ -154,6 +157,7 @@ class Connection:
             raise ClosedError("the connection is closed")
         self.requests += 1
         answer = http.request(method, url, data=form, headers=headers, timeout=timeout)
+        # Virtuoso asks for digest, where other servers take a basic login at once.
         wants_digest = answer.headers.get("WWW-Authenticate", "").lower().startswith("digest")
         login = self._login or _login_of(url)
         if answer.status_code == 401 and wants_digest and login:
@@ -217,6 +221,8 @@ def checked(answer: httpx.Response, url: str) -> httpx.Response:
     """
     if answer.is_success:
         limit = answer.headers.get("X-SPARQL-MaxRows")
+        # Virtuoso cuts answers silently but for this header: a part would be taken for all there
+        # is.
         if limit is not None:
             raise CallFailedError(
                 f"{url} cut its answer after {limit} rows; raise ResultSetMaxRows in its settings",

@@ -90,6 +90,7 @@ class _Edge:
             return
         self.times.insert(place, stamp_ns)
         self.poses.insert(place, pose)
+        # Counted from the newest stamp, not from the clock: a recording replays another time.
         old = bisect.bisect_left(self.times, self.times[-1] - _BUFFER_NS)
         del self.times[:old], self.poses[:old]
 
@@ -148,6 +149,8 @@ class TransformBuffer:
                     self._static[child] = (parent, pose)
                     continue
                 edge = self._moving.get(child)
+                # What was hung elsewhere begins anew: between poses in two parents there is no
+                # pose.
                 if edge is None or edge.parent != parent:
                     edge = self._moving[child] = _Edge(parent)
                 secs, nsecs = time_of(stamped.header.stamp)
@@ -234,6 +237,7 @@ class TransformBuffer:
 
     def _named_steps(self, frame: str, stamp_ns: int) -> Iterator[tuple[str, Transform | None]]:
         """Yield each frame on the way up, and its pose in its parent."""
+        # A bound, since publishers that contradict each other can close a ring of frames.
         for _ in range(_MAX_DEPTH):
             if frame in self._static:
                 parent, step = self._static[frame]
@@ -284,8 +288,10 @@ def _between(a: Transform, b: Transform, share: float) -> Transform:
     """Return the pose at a share of the way: straight, and turning evenly."""
     move = tuple(p + share * (q - p) for p, q in zip(a.move, b.move, strict=True))
     cosine = sum(p * q for p, q in zip(a.turn, b.turn, strict=True))
+    # q and -q are the same rotation: one of the two goes the long way round.
     end = b.turn if cosine >= 0 else tuple(-q for q in b.turn)
     angle = math.acos(min(abs(cosine), 1.0))
+    # Both sines vanish, and a straight mixture is exact enough.
     if angle < 1e-6:
         weights = (1 - share, share)
     else:

@@ -124,6 +124,8 @@ def guess_robot(
     hands = _hands(whole, other, jaws)
     if not hands:
         raise _no_hand(whole, urdf, warnings)
+    # What no arm uses is held still at rest, so the model is read twice: the first look says what
+    # to hold.
     folded = {name: value for hand in hands for name, value in hand.rest.items()}
     rest = {joint.name: _neutral(joint) for joint in _unused(whole, hands)} | folded
     robot, _ = read(rest=rest)
@@ -225,6 +227,8 @@ def _chosen(hands: Sequence[MeasuredHand]) -> list[MeasuredHand]:
     ordered = sorted(hands, key=lambda hand: -len(hand.joints))
     for other in ordered[1:]:
         shared = {j.name for j in ordered[0].joints} & {j.name for j in other.joints}
+        # Two hands on one arm, as of a tool changer, share nearly all joints: they are no second
+        # arm.
         if min(len(ordered[0].joints), len(other.joints)) - len(shared) >= 3:
             return [ordered[0], other]
     return ordered[:1]
@@ -234,6 +238,7 @@ def _unused(robot: RobotDescription, hands: Sequence[MeasuredHand]) -> list[Join
     """Return the joints that no arm or hand moves: bases, torsos, heads, legs, other hands."""
     chains = [{joint.name for joint in hand.joints} for hand in hands]
     shared = set.intersection(*chains) if len(chains) > 1 else set()
+    # What both arms share, such as a torso, would move the one while the other works.
     used = set.union(*chains) - shared | {j.name for hand in hands for j in hand.fingers}
     return [joint for joint in robot.joints if joint.name not in used]
 
@@ -258,6 +263,7 @@ def _arms(
 ) -> Iterator[tuple[str, Arm]]:
     """Yield the arms by name: ``arm``, or ``left_arm`` and ``right_arm``."""
     two = len(hands) == 2
+    # y points to the left of a robot (REP 103), whatever its links are called.
     ordered = sorted(hands, key=lambda hand: -_shoulder_y(robot, hand))
     for hand, side in zip(ordered, (1, -1) if two else (0,), strict=True):
         name = {1: "left_arm", -1: "right_arm", 0: "arm"}[side]
@@ -297,6 +303,7 @@ def _own_cameras(urdf: Path, robot: RobotDescription) -> dict[str, CameraMount]:
         name=read.name, root=read.root, links=read.links, joints=read.joints, arms={}, cameras={}
     )
     mounts = {}
+    # Grasps are planned on depth: of a camera with several frames its depth frame comes first.
     for frame in sorted(names, key=lambda name: ("depth" not in name, name)):
         path = tree.path(frame)
         if any(joint.kind != "fixed" for joint in path):
@@ -326,6 +333,7 @@ def _at_home(robot: RobotDescription, stated: Mapping[str, float], seed: int) ->
     with SelfContacts(robot) as contacts:
         for arm in robot.arms.values():
             tried = 0
+            # A posture that the maker states is tried before any that is sought.
             first = [[stated[j] for j in arm.joints]] if set(arm.joints) <= set(stated) else []
             postures = itertools.chain(
                 map(np.array, first), home_postures(_alone(robot, arm, homes), arm, seed)
@@ -357,6 +365,7 @@ def _alone(robot: RobotDescription, arm: Arm, homes: Mapping[str, Floats]) -> Ro
         if other_arm is not arm and other_arm.name not in homes
     ]
     moving = {name for other_arm in waiting for name in (*other_arm.joints, *other_arm.fingers)}
+    # Where the arms that wait will be is not known yet: they must not block the one that is placed.
     bare = {joint.child for joint in robot.joints if joint.name in moving}
     arms = {
         name: replace(other_arm, home=tuple(float(v) for v in homes[name]))

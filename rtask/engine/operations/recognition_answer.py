@@ -115,6 +115,7 @@ def identity_of(situation: Situation) -> float:
     if recognised is None:
         return float(matches[0].confidence) if matches else 0.0
     object_matches = [m for m in matches if m.object_iri == recognised.iri]
+    # The robot itself said which object it is.
     if not situation.recognition.accepted or not object_matches:
         return 1.0
     return float(object_matches[0].confidence)

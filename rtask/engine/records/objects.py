@@ -144,6 +144,7 @@ def stored_mass(context: Context, object_iri: str) -> float | None:
     """Return the mass of an object, kg, or None if it is not known."""
     for quad in context.kb.match(iri(object_iri), RT.mass):
         mass = float(str(python_value(object_term(quad.object))))
+        # 0 means not known, as where a field of a message was left out: nothing weighs nothing.
         return mass if mass > 0 else None
     return None
 
@@ -157,6 +158,7 @@ def frame_id_of(context: Context, object_iri: str) -> str:
 
 def state_frame(context: Context, triples: Triples, object_iri: NamedNode) -> None:
     """Add an object's frame unless it has one; objects from other sources may lack it."""
+    # A name that was made in this call has no triples yet: it need not be looked for.
     if context.names.is_new(object_iri) or not context.kb.match(object_iri, RT.bodyFrame):
         frame = body_frame(context, object_iri)
         triples.add(object_iri, RT.bodyFrame, frame)
@@ -184,6 +186,7 @@ def state_object(
     elif new.class_iri is not None and new.class_confidence is not None:
         reifier = context.names.unique("statement")
         triples.with_confidence(reifier, new.iri, RDF.type, new.class_iri, new.class_confidence)
+    # Colours are stated even of a view without a pose; sizes only hold where the table is known.
     for colour in colours_of(observation.frame):
         triples.add(new.iri, RT.hasColour, getattr(RT, f"colour_{colour}"))
     if shape is None or not observation.is_posed:

@@ -133,6 +133,7 @@ class Guard:
                 allowed=self._seconds,
             )
         allowed = self._allowed
+        # The system is asked rarely: the guard is called far more often than memory grows.
         if allowed is None or (self._before is not None and now - self._looked < _MEMORY_EVERY_S):
             return
         self._looked = now
@@ -170,6 +171,8 @@ def resident_bytes() -> int | None:
 
 def return_memory() -> None:
     """Give free memory back to the system after much was derived, where the C library is glibc."""
+    # glibc keeps what was freed between pieces still in use; a server would stay as large as its
+    # largest derivation.
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
     if trim is not None:
         trim(0)

@@ -105,6 +105,8 @@ class RecentChanges:
         """
         asked, number = frozenset(graphs), until
         for seq, changed in reversed(self._changes):
+            # A gap means that a commit is no longer remembered: then nothing is known of what it
+            # changed.
             if number == since or seq != number or not changed.isdisjoint(asked):
                 break
             number -= 1

@@ -22,6 +22,7 @@ from rtask.rdf.terms import Triple
 __all__ = ["Expiry"]
 
 _log = logging.getLogger(__name__)
+# The wall clock may be set meanwhile, and a wait does not notice that.
 _MAX_WAIT_S = 3_600.0
 _MAX_EXPIRED = 10_000
 
@@ -67,6 +68,8 @@ class Expiry:
         if not times:
             return
         with self._changed:
+            # Many statements of a commit end at one moment, and those of the next often at the
+            # same.
             for time in times - set(self._heap[:1]):
                 heapq.heappush(self._heap, time)
             if self._thread is None and not self._closed:
@@ -121,6 +124,8 @@ class Expiry:
                 if not isinstance(triple, Triple):
                     continue
                 about = Quad(triple.subject, triple.predicate, triple.object, graph)
+                # Somebody may have withdrawn it before: its annotations stay as the record of what
+                # was.
                 if about in self._store:
                     overlay.remove(about)
                     overlay.add(Quad(reifier, INVALIDATED, stamp(now), graph))
@@ -137,5 +142,6 @@ class Expiry:
             self._closed = True
             self._changed.notify()
         thread = self._thread
+        # A subscriber to the last commit may close the knowledge base from this very thread.
         if thread is not None and thread is not threading.current_thread():
             thread.join(timeout=10.0)

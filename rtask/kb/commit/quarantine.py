@@ -106,6 +106,7 @@ def _blamed(change: Overlay, clashes: Sequence[Any], inference: Inference) -> di
     """Return the added statements that cause contradictions, each with its first reason."""
     added: dict[TripleKey, list[Quad]] = {}
     for quad in change.added:
+        # Only what takes part in reasoning can be to blame; the rest would be moved for nothing.
         if inference.is_input(quad.graph_name):
             added.setdefault(triple_key(quad), []).append(quad)
     blamed: dict[Quad, str] = {}
@@ -151,6 +152,7 @@ def statements(store: GraphStore, graphs: Graphs) -> list[Quarantined]:
 
 
 def _number(node: NamedNode) -> tuple[int, ...]:
+    # By number: as text, the tenth would come before the second.
     return tuple(int(part) for part in node.value.rsplit("/", 2)[-2:] if part.isdecimal())
 
 
@@ -173,10 +175,12 @@ def reinstate(
     if not chosen <= quarantined.keys():
         raise UsageError(f"nothing in quarantine is named {min(chosen - quarantined.keys())}")
     here = graphs.quarantine
+    # Two graphs may have said the same, and the quarantine holds it once: it stays for the other.
     staying = {
         triple_key(statement.quad) for name, statement in quarantined.items() if name not in chosen
     }
     for statement in (quarantined[name] for name in sorted(chosen)):
+        # Else whoever may write the quarantine could put statements into anybody's graph.
         access.require_write(statement.quad.graph_name, "release")
         for line in list(overlay.store.quads_for_pattern(statement.node, None, None, here)):
             overlay.remove(line)

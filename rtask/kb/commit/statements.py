@@ -114,6 +114,7 @@ def notes(
 
 def reifier_of(base: str, quad: Quad) -> NamedNode:
     """Return the IRI of a statement's reifier; always the same for a statement of a graph."""
+    # Without chance, so that a statement that is made again finds its former annotations.
     key = f"{written(_triple(quad))} {quad.graph_name}"
     return NamedNode(f"{base}statement/{hashlib.sha256(key.encode()).hexdigest()[:32]}")
 

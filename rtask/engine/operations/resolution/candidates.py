@@ -113,9 +113,12 @@ def find_candidates(
                 name, verdict, bounds, is_seen, last_seen, who, place, thing, can_grasp=able
             )
         )
+    # A robot that names an object which is not there has a wrong picture: it is told, not answered
+    # with the others.
     for name in given or ():
         if iri(name).value not in seen_names:
             raise no_object(context, name, "objects")
+    # The newest come first: a cut among objects seen long ago leaves out none that is in view.
     is_cut = given is None and len(seen_names) >= MAX_CANDIDATES
     if not (is_cut and all(candidate.is_seen for candidate in candidates)):
         return candidates, 0
