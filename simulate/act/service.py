@@ -155,6 +155,7 @@ def theta_offsets(step: float, attempts: int) -> Iterator[float]:
     >>> [round(t, 2) for t in theta_offsets(0.5, 6)]
     [0.0, 0.5, -0.5, 1.0, -1.0, 1.5]
     """
+    # Jaws turned by half a turn are the same jaws: a quarter to either side is every direction.
     widest = math.pi / 2 + 1e-9
     offsets = [0.0]
     if step > 0:
@@ -204,6 +205,8 @@ def plan_goal(
     executor = cell.executor
     limit = executor.planning_work + request.planning_s * _POSTURES_PER_S
     for attempt, offset in enumerate(theta_offsets(request.angle_step, request.attempts)):
+        # The first attempt is always made: a request that planned nothing would say nothing about
+        # the goal.
         if attempt and executor.planning_work > limit:
             return "timed_out"
         planned = executor.plan(
@@ -211,6 +214,8 @@ def plan_goal(
         )
         if not isinstance(planned, str):
             return planned
+        # The reason at the angle that was asked for; later ones are those of angles that nobody
+        # named.
         reason = reason or planned
     return reason
 
@@ -237,6 +242,7 @@ def _answer(
     record: GraspRecord | None = None,
 ) -> dict[str, Any]:
     reached = math.isfinite(error_m) and error_m <= request.error_allowed
+    # The motion ended as planned, and the hand is elsewhere all the same: sent is not arrived.
     if reason == "ok" and not reached:
         reason = "tracking"
     return {

@@ -97,6 +97,8 @@ class Fetcher(Agent):
                 wanted=description,
                 gripper_id=next(iter(self.body.gripper_ids.values())),
                 objects=list(tracks),
+                # What was tried is not offered again, or one thing that slips would be tried for
+                # ever.
                 exclude=[attempt["object"] for attempt in tried],
             )
             chosen = str(answer["object"])
@@ -125,6 +127,7 @@ class Fetcher(Agent):
                 tried.append({**earlier, "reason": reason})
                 if reason == "ok":
                     return
+                # What is left is no matter of room: to empty the table further would help nothing.
                 if reason not in _IN_THE_WAY:
                     break
 
@@ -143,6 +146,7 @@ class Fetcher(Agent):
     def _survey(self) -> list[tuple[TrackedObject, str]]:
         """Look at both sides and find or add every object in the graph."""
         met = []
+        # Both sides before any choice: the better thing may stand on the other one.
         for side in _SIDES:
             _, base_from_camera, view = self._look(side, None)
             for track in self._tracker.in_view(-1 if side == "right" else 1):

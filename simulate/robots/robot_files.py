@@ -84,6 +84,7 @@ def restore_settings(path: Path) -> None:
         )
     present = path.read_bytes() if path.exists() else None
     aside.replace(path)
+    # The two change places, so that a restoration can itself be taken back.
     if present is not None:
         aside.write_bytes(present)
 
@@ -273,6 +274,8 @@ def _check(path: Path, robot: RobotDescription) -> None:
             for ends in (arm.finger_closed, arm.finger_open):
                 if ends and len(ends) != len(arm.fingers):
                     raise RobotError(f"arm {arm.name!r}: fingers and their ends differ in number")
+            # A joint of the way that no list names would be planned as still, and move in the
+            # physics.
             chain = [j.name for j in robot.path(arm.wrist)]
             if chain != list(arm.joints):
                 raise RobotError(
@@ -369,12 +372,14 @@ def save_robot(settings: Mapping[str, Any], guessed: Iterable[str], path: Path) 
                 table.add(key, inner)
                 continue
             item = tomlkit.item(value)
+            # People edit the file: they see which numbers nobody measured.
             if f"{where}{key}" in marked:
                 item.comment("guessed")
             table.add(key, item)
 
     fill(document, settings, "")
     path.parent.mkdir(parents=True, exist_ok=True)
+    # Replaced at once: a robot that is being added must never leave half a file where one was.
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         draft.write_text(tomlkit.dumps(document), encoding="utf-8")

@@ -315,9 +315,11 @@ def _clearance(chain: Chain, obstacles: Floats | None, radius: float) -> Callabl
         links = link_lines(chain, q)
         a, b = links[:, :, None, 0], links[:, :, None, 1]
         along, to_ball = b - a, balls[:, :3] - a
+        # A link of no length, between two joints at one place, is a point.
         squared = np.maximum((along**2).sum(axis=3), 1e-12)
         share = np.clip((to_ball * along).sum(axis=3) / squared, 0.0, 1.0)
         apart = np.linalg.norm(to_ball - share[..., None] * along, axis=3)
+        # Without obstacles the distance is infinite, which JSON cannot carry: callers make it null.
         return np.asarray((apart - balls[:, 3] - radius).min(axis=(1, 2), initial=np.inf))
 
     return clearance

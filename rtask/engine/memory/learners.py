@@ -112,6 +112,7 @@ def _closing_yaw(at: dict[str, Any]) -> float | None:
 
 def _states(context: Context) -> dict[str, NDArray[np.float64]]:
     """Return five principal components of each object's appearance."""
+    # All views before any state: the components grow with each view, and states are compared.
     components = GrowingComponents()
     views: dict[str, NDArray[np.float64]] = {}
     for row in stored_views(context.kb):
@@ -121,6 +122,7 @@ def _states(context: Context) -> dict[str, NDArray[np.float64]]:
         view, is_described = pooled(features.descriptors)
         if is_described:
             components.add(view)
+            # One state an object: attempts are recorded of objects, not of their views.
             views.setdefault(row.object, view)
     return {object_iri: components.state(view).features for object_iri, view in views.items()}
 
@@ -190,6 +192,7 @@ def keep_learner(
         },
     )
     home = context.kb.graphs.agent(agent) if agent else context.kb.graphs.shared
+    # The former state goes in the same commit: a reader never finds two, or none.
     with context.writing, context.kb.transaction(access=author, note="a learner's state") as tx:
         for quad in context.kb.match(node, graph=home):
             tx.remove(quad.subject, quad.predicate, quad.object, home)
@@ -234,6 +237,7 @@ def _first_that_fits(
     kind, notes = type(learner).__name__, list[str]()
     for row in rows:
         where = str(row.value("snapshot"))
+        # Arrays of another algorithm may fit by chance, and would mean something else.
         if str(row.value("kind")) != kind:
             notes.append(f"{where} is a {row.value('kind')}, not a {kind}")
             continue

@@ -260,7 +260,7 @@ def _view(request: PlanOnScene) -> tuple[Frame | None, ClutterView | None]:
     pose = np.asarray(request.sensor_pose, dtype=np.float64)
     try:
         view = view_clutter(points, colours, pose, x_range, y_range, request.support_height)
-        # Depth in mm is the likeliest reason why nothing is seen; where things are, it is in metres.
+        # Depth in mm is the likeliest reason why nothing is seen; what shows things is in metres.
         if view is None or not view.segments:
             refuse_doubtful(decoded)
     except (ValueError, DataError) as error:

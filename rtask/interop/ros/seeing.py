@@ -93,6 +93,7 @@ class Eyes:
         return model
 
     def _warn(self, words: str) -> None:
+        # Said once: a camera gives thirty views a second.
         if words not in self._warned:
             self._warned.add(words)
             log.warning("%s; parts of the robot may be taken for objects", words)
@@ -120,6 +121,7 @@ class Eyes:
     def view(self, sight: Sight[Frame]) -> View:
         """Return what a view shows; raises as :meth:`look` does."""
         stamp, camera = sight.header.stamp, sight.header.frame_id
+        # Before the image is decoded: a view whose camera is nowhere costs nothing then.
         base_from_camera = self.transforms.lookup(self.frame, camera, stamp)
         frame = sight.read()
         shapes: list[JsonObject] = []
@@ -242,6 +244,7 @@ class SeeAction:
             self._heard,
             self._scene.obstacles,
         )
+        # A goal may be cancelled before its run exists, when there was nothing to cancel yet.
         if server.is_preempt_requested():
             run.cancel()
         run.start()

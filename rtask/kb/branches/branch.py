@@ -96,6 +96,8 @@ class Branch(Generic[G]):
         request = self._request(self._trunk.access(agent, access))
         with self.graph.writer.exclusive():
             try:
+                # Compared by trying the merge and giving it up, so that it says what a merge would
+                # meet.
                 return self._trunk.writer.commit_repeatably(
                     lambda again, _: self._compared(again), replace(request, strict=True)
                 )
@@ -160,6 +162,8 @@ class Branch(Generic[G]):
                         f"{conflicts[0].message}{more}; nothing was merged",
                         conflicts=[conflict.to_dict() for conflict in conflicts],
                     )
+                # Only the net change: a statement made and withdrawn in the branch leaves no trace
+                # in the trunk.
                 tx.remove_quads(self._own.net.removed, as_read=True)
                 tx.add_quads(self._own.net.added)
         self._register.remove(self.name)

@@ -26,6 +26,7 @@ from rtask.rdf.terms import LONG_AGO, NamedNode, moment
 
 __all__ = ["Branching"]
 
+# A branch is for one author at a time, and many may be open: each has few processes of its own.
 _READERS = ReaderLimits(count=2, reserved=0, updates=0, queue=8, replica_max=0)
 
 
@@ -94,10 +95,12 @@ class Branching(Writing):
             else commit_at(self._files, moment(at))
         )
         register = self.branch_register
+        # A robot that makes branches without end would fill the disk of all.
         is_free = rights.role == "admin" or rights.of_owner
         max_own = MAX_OPEN if is_free else MAX_OPEN_EACH
         if seq is None or seq == self.seq:
             register.records()  # raises first where no branch is possible
+            # Links of the present state need no journal, but nobody may write while they are made.
             with self._writer.exclusive():
                 record = register.make(name, author, self.seq, note, lifetime, True, max_own)
         else:
@@ -172,6 +175,7 @@ class Branching(Writing):
     def _opened(self, record: BranchRecord, temporary: bool) -> Branch[Self]:
         with self.branch_register.lock:
             there = self._open_branches.get(record.name)
+            # One object for a branch, however often it is opened: two would write one journal.
             if there is None:
                 files = self.branch_register.open(record)
                 try:

@@ -181,6 +181,8 @@ def _effects(patterns: Sequence[Pattern], step: QueuedStep) -> Iterator[Statemen
     for pattern in patterns:
         values = tuple(step.arguments.get(name, "") for name in pattern.arguments)
         triple = pattern.triple(values) if all(values) else None
+        # Where things are is a placement with a time, which the caller moves; a bare triple would
+        # outlive it.
         if triple is not None and triple[1] != RT.locatedOn.value:
             subject, prop, value = map(NamedNode, triple)
             yield subject, prop, value
@@ -208,6 +210,7 @@ def live_claim(
     if claim.result:
         raise ConflictError(f"the claim of {task} ended before: {claim.result}")
     if other is not None and other.robot != robot:
+        # A robot that was slow must not report what another one is doing by now.
         raise ConflictError(f"the claim of {task} ran out, and {other.robot} has it now")
     return plan, step, claim
 
