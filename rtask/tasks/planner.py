@@ -102,7 +102,8 @@ def plan_goal(
         A bound was reached: whether there is a plan is not known.
     """
     task = _read(select, is_ontology, given, base)
-    problem, assumed = task.problem, tuple[Atom, ...]()
+    workers = frozenset(robot for robot, _ in _robots(task))
+    problem, assumed = replace(task.problem, workers=workers), tuple[Atom, ...]()
     obstacles = explain_unsolvable(problem, task.mendable, require_time)
     if obstacles and assume_reach:
         problem, assumed = _with_assumptions(task, problem, require_time)

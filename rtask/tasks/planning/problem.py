@@ -61,7 +61,8 @@ class Problem:
     """Objects by type, actions, the facts that hold, and the goals, all of which are to hold.
 
     ``failure_cost_s`` is what a failed step costs, s: a step of duration *d* and chance *p*
-    costs ``d - failure_cost_s * log(p)``.
+    costs ``d - failure_cost_s * log(p)``. ``workers`` are the objects that do one step at a time
+    and work beside each other, so that steps are shared out among them.
     """
 
     objects: Mapping[str, tuple[str, ...]]
@@ -69,6 +70,7 @@ class Problem:
     facts: frozenset[Atom]
     goals: tuple[Goal, ...]
     failure_cost_s: float = 60.0
+    workers: frozenset[str] = frozenset()
 
     @property
     def fluents(self) -> frozenset[str]:

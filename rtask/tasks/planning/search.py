@@ -11,7 +11,7 @@ import heapq
 import itertools
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rtask.errors import SearchLimit
 from rtask.tasks.planning.grounding import ground
@@ -39,8 +39,11 @@ class _Operator:
     need_list: tuple[int, ...]
     add_list: tuple[int, ...]
     cost: float
+    workers: tuple[str, ...] = ()
 
 
+_BUSY = 0.1
+"""What a step of a busier worker costs more, per second that it has more to do than the idlest."""
 _Alternatives = tuple[int, ...]
 """Numbers of facts of which any is to hold."""
 
@@ -99,6 +102,9 @@ class _Search:
 
     def __init__(self, problem: Problem, max_states: int, require_time: Callable[[], None]) -> None:
         self.left, self.require_time = max_states, require_time
+        self.failure_cost_s = problem.failure_cost_s
+        # How long each worker is busy with the goals planned so far, s.
+        self.loads = dict.fromkeys(sorted(problem.workers), 0.0)
         fluents, self.numbers = problem.fluents, _Numbering()
         self.goals = [
             tuple(self.numbers[atom] for atom in dict.fromkeys(goal))
@@ -120,13 +126,30 @@ class _Search:
         state, steps, reached = self.start, list[_Operator](), list[_Alternatives]()
         for goal in self._agenda():
             reached.append(goal)
-            operators = self._reach(state, reached, (goal,), self._relevant(state, (goal,)))
+            chosen = self._shared_out(self._relevant(state, (goal,)))
+            operators = self._reach(state, reached, (goal,), chosen)
             if operators is None:
                 return self._together()
             for operator in operators:
                 state = state & ~operator.deletes | operator.adds
+                for worker in operator.workers:
+                    self.loads[worker] += operator.step.duration_s
             steps += operators
-        return _plan(steps)
+        return self._plan(steps)
+
+    def _shared_out(self, operators: Sequence[_Operator]) -> Sequence[_Operator]:
+        """Return steps of which those of busy workers cost more.
+
+        All goals in the hands of one of two robots cost no more than half of them in each, and
+        take twice as long.
+        """
+        idlest = min(self.loads.values(), default=0.0)
+        return [
+            replace(operator, cost=operator.cost + _BUSY * (busy - idlest))
+            if (busy := max((self.loads[name] for name in operator.workers), default=0.0)) > idlest
+            else operator
+            for operator in operators
+        ]  # fmt: skip
 
     def costs(self) -> list[float | None]:
         """Return what each goal costs by itself if nothing were ever deleted; None if no way."""
@@ -139,7 +162,11 @@ class _Search:
 
     def _together(self) -> Plan | None:
         operators = self._reach(self.start, self.goals, tuple(self.goals), self.operators)
-        return None if operators is None else _plan(operators)
+        return None if operators is None else self._plan(operators)
+
+    def _plan(self, operators: Sequence[_Operator]) -> Plan:
+        steps = tuple(operator.step for operator in operators)
+        return Plan(steps, sum(step.cost_s(self.failure_cost_s) for step in steps))
 
     def _operator(self, step: Step, fluents: frozenset[str], failure_cost_s: float) -> _Operator:
         needs = tuple(self.numbers[atom] for atom in step.preconditions if atom[0] in fluents)
@@ -149,6 +176,7 @@ class _Search:
             step, _mask(needs), added,
             self.numbers.mask(step.deletes) & ~added, tuple(set(needs)), adds,
             step.cost_s(failure_cost_s),
+            tuple(value for _, value in step.arguments if value in self.loads),
         )  # fmt: skip
 
     def _relevant(self, state: int, goals: Sequence[_Alternatives]) -> list[_Operator]:
@@ -255,10 +283,3 @@ def _path(parents: Mapping[int, tuple[int, _Operator]], state: int, start: int) 
         state, operator = parents[state]
         steps.append(operator)
     return steps[::-1]
-
-
-def _plan(operators: Sequence[_Operator]) -> Plan:
-    return Plan(
-        tuple(operator.step for operator in operators),
-        sum(operator.cost for operator in operators),
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import pytest
@@ -71,6 +72,23 @@ def test_the_robot_with_the_better_chance_is_chosen_if_both_are_as_quick(better)
     plan = find_plan(Problem(objects, actions, frozenset(facts), ((("at", "cup", "box"),),)))
     assert plan is not None
     assert {dict(step.arguments)["r"] for step in plan.steps} == {better}
+
+
+def test_things_are_shared_out_among_robots_that_can_do_all_alike():
+    things = tuple(f"cup{number}" for number in range(6))
+    facts = {("at", thing, "table") for thing in things} | {("free", r) for r in "abc"}
+    facts |= {("can_grasp", r, thing) for r in "ab" for thing in things}
+    facts |= {("reaches", r, place) for r in "abc" for place in ("table", "box")}
+    objects = {"robot": ("a", "b", "c"), "thing": things, "place": ("table", "box")}
+    goals = tuple((("at", thing, "box"),) for thing in things)
+    problem = Problem(objects, (PICK, PLACE), frozenset(facts), goals, workers=frozenset("abc"))
+    plan = find_plan(problem)
+    assert plan is not None
+    assert all_hold(problem, carried_out(problem, plan.steps))
+    assert Counter(dict(step.arguments)["r"] for step in plan.steps) == {"a": 6, "b": 6}
+    alone = find_plan(replace(problem, workers=frozenset()))
+    assert alone is not None
+    assert plan.cost_s == pytest.approx(alone.cost_s), "what is dearer for busy robots is no cost"
 
 
 def test_goals_whose_order_matters_are_reached_together():
