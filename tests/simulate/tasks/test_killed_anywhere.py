@@ -24,7 +24,8 @@ from tests.servers import running_server
 from tests.simulate.tasks.crew_robot import IDLE_S, CrewRobot
 from tests.simulate.tasks.test_crew_with_tokens import GOAL, Site
 
-pytestmark = pytest.mark.slow
+# Two instants of each are in test_crew_with_tokens, for every run.
+pytestmark = [pytest.mark.slow, pytest.mark.deep]
 
 _FORK = multiprocessing.get_context("fork")
 _FLIGHT_S = 0.006
@@ -65,16 +66,8 @@ def data(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def instants(shallow: tuple[str, int], most: int) -> list[Any]:
-    """Return instants, of which all but one are left to the deep tests."""
-    return [
-        pytest.param(when, at, marks=() if (when, at) == shallow else (pytest.mark.deep,))
-        for when in ("before", "during")
-        for at in range(most)
-    ]
-
-
-@pytest.mark.parametrize(("when", "at"), instants(("during", 5), 16))
+@pytest.mark.parametrize("when", ["before", "during"])
+@pytest.mark.parametrize("at", range(0, 16, 3))
 def test_a_server_that_is_killed_at_any_call_goes_on_where_it_was(
     data: Path, when: str, at: int
 ) -> None:
@@ -120,7 +113,8 @@ def _take_turns(robots: dict[str, Executor], person: Any) -> None:
     pytest.fail("the plan does not end")
 
 
-@pytest.mark.parametrize(("when", "at"), instants(("before", 3), 16))
+@pytest.mark.parametrize("when", ["before", "during"])
+@pytest.mark.parametrize("at", range(16))
 def test_a_robot_that_is_killed_at_any_call_goes_on_where_it_was(
     data: Path, when: str, at: int
 ) -> None:
