@@ -15,8 +15,12 @@ __all__ = ["names_of"]
 MAX_NAMED = 1_000
 _VERBS = {RDF.type.value: "is a", RDFS.subClassOf.value: "is a kind of"}
 _COUNTED = re.compile(r"(?:kb:|.*/kb/)([a-z_]+)/(\d+)")
-_DATED = re.compile(r"(?:kb:|.*/kb/(?:[0-9a-f]+/)?)([a-z_]+)/[0-9a-f-]{30}([0-9a-f]{6})")
+_PART = re.compile(
+    r"((?:kb:|.*/kb/(?:[0-9a-f]+/)?)(?:[a-z_-]+/(?:\d+|[0-9a-f-]{36})|robot/[^/]+))/(.+)"
+)
+_DATED = re.compile(r"(?:kb:|.*/kb/(?:[0-9a-f]+/)?)([a-z_-]+)/[0-9a-f-]{30}([0-9a-f]{6})")
 """An IRI that ends in a UUID of version 7: it begins with the time, so its end tells most."""
+_ROBOT = re.compile(r"(?:kb:|.*/kb/(?:[0-9a-f]+/)?)robot/([^/]+)")
 
 
 def names_of(kb: KnowledgeBase, iris: Iterable[str]) -> dict[str, str]:
@@ -55,19 +59,25 @@ def _by_relations(kb: KnowledgeBase, term: NamedNode) -> str:
     """
     robot, grasp = _first(kb, term, RT.performedBy), _first(kb, term, RT.executesGrasp)
     if robot and grasp:
-        number = [quad.object for quad in kb.match(term, RT.attemptNumber)]
-        which = f"attempt {number[0].value}" if number else "an attempt"
-        holders = [quad.subject for quad in kb.match(None, RT.hasGrasp, grasp)]
+        numbers = [quad.object for quad in kb.match(term, RT.attemptNumber)]
+        counted = [f"attempt {number.value}" for number in numbers if isinstance(number, Literal)]
+        holders = _holders(kb, RT.hasGrasp, grasp)
         named = [name for holder in holders if (name := _verb_phrase(kb, holder))]
         at = f" at {named[0]}" if named else ""
+        which = counted[0] if counted else "an attempt"
         return f"{which} of {_verb_phrase(kb, robot) or 'a robot'}{at}"
     product = _first(kb, term, RT.exemplarOf)
     if product and (name := _verb_phrase(kb, product)):
         return f"one {name}"
-    for quad in kb.match(None, RT.hasOutcome, term)[:1]:
-        if attempt := _by_relations(kb, quad.subject):
+    for holder in _holders(kb, RT.hasOutcome, term)[:1]:
+        if attempt := _by_relations(kb, holder):
             return f"outcome of {attempt}"
     return ""
+
+
+def _holders(kb: KnowledgeBase, predicate: NamedNode, object: NamedNode) -> list[NamedNode]:
+    subjects = [quad.subject for quad in kb.match(None, predicate, object)]
+    return [term for term in subjects if isinstance(term, NamedNode)]
 
 
 def _first(kb: KnowledgeBase, subject: NamedNode, predicate: NamedNode) -> NamedNode | None:
@@ -85,9 +95,15 @@ def resource_name(iri: str) -> str:
     ('grasp 12', 'urn:other')
     >>> resource_name("https://w3id.org/rtask-kg/kb/view/01a22b1b-cbef-7f9d-8a09-e7a2d93930bf")
     'view …3930bf'
+    >>> resource_name("https://w3id.org/rtask-kg/kb/grasp/12/evaluation/nao-1")
+    'evaluation nao-1 of grasp 12'
     """
     text = short(iri)
+    if part := _PART.fullmatch(text):
+        return f"{part[2].replace('/', ' ')} of {resource_name(part[1])}"
+    if robot := _ROBOT.fullmatch(text):
+        return robot[1]
     counted, dated = _COUNTED.fullmatch(text), _DATED.fullmatch(text)
     if dated:
-        return f"{dated[1].replace('_', ' ')} …{dated[2]}"
+        return f"{re.sub('[_-]', ' ', dated[1])} …{dated[2]}"
     return f"{counted[1].replace('_', ' ')} {counted[2]}" if counted else text

@@ -191,6 +191,16 @@ def test_what_was_expected_and_whether_a_thing_is_still_there_lead_on() -> None:
         assert bare_figures(shown) == []
 
 
+def test_an_attempt_is_called_by_its_robot_and_object_and_its_outcome_by_the_attempt(
+    browser: FlaskClient,
+) -> None:
+    for iri, name in (
+        ("urn:lab/attempt/1", "an attempt of nao-7 at blue mug"),
+        ("urn:lab/outcome/1", "outcome of an attempt of nao-7 at blue mug"),
+    ):
+        assert f"<h1>{name}</h1>" in text_of(browser, f"/resource?iri={iri}")
+
+
 def test_a_likeness_leads_to_both_objects_side_by_side_and_says_what_agrees(
     browser: FlaskClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
