@@ -10,6 +10,7 @@ import pytest
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from rtask.cli import main
 from rtask.engine.perception.clutter import ClutterView
+from rtask.errors import UsageError
 from simulate.grasping import clearing
 from simulate.grasping.clutter import look_at_clutter, pick_from
 from simulate.grasping.pushing import plan_push
@@ -192,3 +193,17 @@ def test_wrong_options_are_one_line_before_anything_is_made(args, words, tmp_pat
     assert words in said[-1]
     assert sum(not line.startswith(("Usage:", "Try", "\n")) for line in said if line) == 1
     assert not out.exists()
+
+
+@pytest.mark.parametrize(("words", "part"), [((), ""), (("--pictures",), "piles")])
+def test_views_of_piles_are_drawn_beside_the_figures_if_asked(words, part, tmp_path, monkeypatch):
+    asked = []
+
+    def study(trials, objects, seed, preset, pictures, hand):
+        asked.append(pictures)
+        raise UsageError("enough")
+
+    monkeypatch.setattr("simulate.study.clutter.report.pile_study", study)
+    with pytest.raises(SystemExit):
+        main(["study", "piles", "-n", "1", "--out", str(tmp_path / "out"), *words])
+    assert asked == [str(tmp_path / "out" / part) if part else ""]
