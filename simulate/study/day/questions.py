@@ -7,13 +7,17 @@ an hour open.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
 from rtask.engine import Engine
+from rtask.rdf.namespaces import PREFIXES
+from rtask.world.placement import seconds
 from simulate.study.day.happenings import Day
 from simulate.study.day.lab import Item, Place, distance
 from simulate.study.day.robots import ask, place_rows
@@ -69,6 +73,20 @@ class _Asker:
     def trace(self, name: str, time_s: float) -> list[Any]:
         """Return the places of a thing that began by a time, as they are known now."""
         return list(ask(self.engine, "trace_thing", name=name, stamp=time_s).places)
+
+    @cached_property
+    def last_first_sight_s(self) -> float:
+        """Unix time at which a thing was seen for the first time, the latest of all; s.
+
+        Of those that cannot be one that was known before.
+        """
+        rows = self.engine.context.kb.select(f"""{PREFIXES}
+SELECT ?thing (MIN(?begin) AS ?first) WHERE {{
+  ?place rt:placementOf ?thing ; time:hasBeginning/time:inXSDDateTimeStamp ?begin .
+  ?thing rt:exemplarOf ?product
+  FILTER NOT EXISTS {{ ?thing rt:mergedInto|rt:possiblyIdenticalTo ?known }}
+}} GROUP BY ?thing""")
+        return max((seconds(row.value("first")) for row in rows), default=math.inf)
 
     def item(self) -> tuple[Item, str] | None:
         """Draw a thing, and its name: its IRI if another one looks the same."""
@@ -182,7 +200,7 @@ def _ask_beside(asker: _Asker) -> _Judged:
     identified = asker.where(name, time_s)
     if len(identified) != 1:
         return question, "", str(sorted(near)), "not known"
-    beside = _named_beside(asker, identified[0]["thing"], time_s)
+    beside = _named_beside(asker, identified[0], time_s)
     if beside is None:
         return question, "", str(sorted(near)), "not known"
     named = {asker.day.identified[iri] for iri in beside}
@@ -194,23 +212,39 @@ def _ask_beside(asker: _Asker) -> _Judged:
     return question, str(sorted(each.name for each in named)), str(sorted(near)), _right(is_right)
 
 
-def _named_beside(asker: _Asker, iri: str, time_s: float) -> set[str] | None:
+def _named_beside(asker: _Asker, item: Any, time_s: float) -> set[str] | None:
     """Return what the graph says stood beside a thing; None if it is not sure of one of them.
 
-    What was seen there only at the next look, and came at a time nobody knows, is not sure.
+    What was seen there only at the next look, and came at a time nobody knows, is not sure. Nor is
+    anything while there are things that nobody had ever seen by then: one that was covered before
+    a robot looked for the first time may have stood there.
     """
-    block = f"<{iri}> rtf:near ?other ; rtf:within {_BESIDE_M} ; rtf:chance ?chance"
+    block = f"<{item.thing}> rtf:near ?other ; rtf:within {_BESIDE_M} ; rtf:chance ?chance"
     rows = place_rows(asker.engine, block, time_s)
-    if any(row["chance"] < SURE for row in rows):
+    if any(row["chance"] < SURE for row in rows) or asker.last_first_sight_s > time_s:
         return None
     beside = {str(row["other"]) for row in rows}
     later_s = min(time_s + _NEXT_LOOK_S, asker.day.end_s)
-    later = {str(row["other"]) for row in place_rows(asker.engine, block, later_s)}
-    for other in later - beside:
+    for other in _stood_about(asker, item, later_s) - beside - {item.thing}:
         after = [p for p in asker.trace(other, later_s) if p.since > time_s]
         if any(p.arrived_after is None or p.arrived_after < time_s for p in after):
             return None
     return beside
+
+
+def _stood_about(asker: _Asker, item: Any, later_s: float) -> set[str]:
+    """Return what is known to have stood later about where a thing was, which may be gone by then.
+
+    A SERVICE about the thing itself would tell of where it is then.
+    """
+    if item.pose is None:
+        return set()
+    block = f"?other rtf:poseIn <{item.frame}> ; rtf:x ?x ; rtf:y ?y"
+    spot = item.pose["position"]["x"], item.pose["position"]["y"]
+    return {
+        str(row["other"]) for row in place_rows(asker.engine, block, later_s)
+        if distance(spot, (float(row["x"]), float(row["y"]))) < _BESIDE_M + _MARGIN_M
+    }  # fmt: skip
 
 
 def _ask_which(asker: _Asker) -> _Judged:

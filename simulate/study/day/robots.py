@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -114,7 +114,12 @@ class Robot:
         """Return the things that the graph says are in the box at this table."""
         box = next(box for box, table in BOXES.items() if table == self.table)
         rows = place_rows(self.engine, f"?thing rtf:inside <{box_iri(box)}>", time_s)
-        return [str(row["thing"]) for row in rows]
+        return self._in_order(str(row["thing"]) for row in rows)
+
+    def _in_order(self, exemplars: Iterable[str]) -> list[str]:
+        """Return things in the order of the lab, since new IRIs are drawn with each run."""
+        number = {id(item): k for k, item in enumerate(self.lab.items)}
+        return sorted(exemplars, key=lambda iri: number[id(self.identified[iri])])
 
     def _state(self, iri: str, time_s: float, **args: Any) -> None:
         self.call("state_place", **{"thing": iri, "stamp": time_s, **args})
@@ -152,7 +157,7 @@ class Robot:
             product = int(str(row["id"]).removeprefix("lab/"))
             if not _is_near(spot, where.get(product, []), _MATCHED_M):
                 missing.append(str(row["thing"]))
-        return missing
+        return self._in_order(missing)
 
     def _report(
         self,

@@ -12,7 +12,7 @@ from rtask.engine import Engine
 from simulate.study.day import happenings, questions
 from simulate.study.day.command import summary_of
 from simulate.study.day.lab import Lab, Place
-from simulate.study.day.robots import BASE
+from simulate.study.day.robots import BASE, Robot
 from simulate.study.day.trial import run_trial
 from simulate.world.seeds import stream
 
@@ -84,3 +84,10 @@ def test_the_command_writes_a_report(tmp_path, capsys):
     summary = json.loads(capsys.readouterr().out)
     assert summary["questions"] <= 6
     assert json.loads((tmp_path / "report.json").read_text()) == summary
+
+
+def test_things_are_named_in_the_order_of_the_lab_whatever_their_new_iris():
+    lab = Lab.made(stream(1, 2), 4, 0.0)
+    identified = {f"urn:{9 - number}": item for number, item in enumerate(lab.items)}
+    robot = Robot("nao-1", None, lab, stream(1, 3), "table-a", identified)
+    assert robot._in_order(sorted(identified)) == list(identified)
