@@ -37,9 +37,9 @@ class Value:
         Values of different families are not comparable.
     well_typed : bool
         False if the lexical form does not belong to the datatype.
-    is_known : bool
-        False if what the literal denotes is not known, its datatype being neither of XSD nor of
-        RDF: it may be the value of any other literal, and lie in any datatype.
+    is_recognized : bool
+        False if the datatype is neither of XSD nor of RDF (RDF 1.1 Semantics 7): what the literal
+        denotes is not known then, and may lie in any datatype and be any other literal's value.
     """
 
     key: Key
@@ -47,7 +47,7 @@ class Value:
     order: Order | None
     family: str
     well_typed: bool = True
-    is_known: bool = True
+    is_recognized: bool = True
 
 
 _WIDTHS = {"long": 64, "int": 32, "short": 16, "byte": 8}
@@ -93,7 +93,7 @@ def value_of(lexical: str, datatype: str, language: str | None = None) -> Value:
     False
     >>> value_of("abc", XSD + "integer").well_typed
     False
-    >>> value_of("0 0 1", "urn:lab:vector").is_known
+    >>> value_of("0 0 1", "urn:lab:vector").is_recognized
     False
     """
     if language is not None:
@@ -103,8 +103,8 @@ def value_of(lexical: str, datatype: str, language: str | None = None) -> Value:
         return _string(lexical)
     if not datatype.startswith(XSD) and datatype != RDF + "PlainLiteral":
         # The value spaces of RDF's own types, such as XMLLiteral, are disjoint from those of XSD.
-        is_known = datatype.startswith(RDF)
-        return Value(("opaque", lexical, datatype), 0, None, datatype, is_known=is_known)
+        is_recognized = datatype.startswith(RDF)
+        return Value(("opaque", lexical, datatype), 0, None, datatype, is_recognized=is_recognized)
     name = datatype[len(XSD) :]
     value = _read(lexical, name)
     if value is None:

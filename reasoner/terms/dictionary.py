@@ -306,7 +306,7 @@ class Dictionary:
         if (left < LITERAL and right < LITERAL) or self.is_same(left, right):
             return False
         literals = [number for number in (left, right) if number >= LITERAL]
-        return len(literals) == 1 or all(self.value(number).is_known for number in literals)
+        return len(literals) == 1 or all(self.value(number).is_recognized for number in literals)
 
     def in_datatype(self, number: int, datatype: int) -> bool | None:
         """Tell whether a literal lies in a datatype; None where that is not known.
@@ -315,7 +315,7 @@ class Dictionary:
         """
         bit = BITS.get(self.iri(datatype))
         value = self.value(number)
-        return None if bit is None or not value.is_known else bool(value.mask & bit)
+        return None if bit is None or not value.is_recognized else bool(value.mask & bit)
 
     def table(self) -> TermTable:
         """Return all terms as a table; what an earlier table holds is not encoded again."""

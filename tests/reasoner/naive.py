@@ -74,10 +74,10 @@ def clash(a: Term, b: Term) -> bool:
     literals = [x for x in (a, b) if isinstance(x, Literal)]
     if key(a) == key(b) or not literals:
         return False
-    return len(literals) == 1 or all(map(is_known, literals))
+    return len(literals) == 1 or all(map(is_recognized, literals))
 
 
-def is_known(x: Literal) -> bool:
+def is_recognized(x: Literal) -> bool:
     return x.datatype.value.startswith((XSD, str(TYPE.value).rpartition("#")[0]))
 
 
@@ -92,7 +92,7 @@ def in_datatype(x: Term, datatype: Term) -> bool | None:
 
     assert isinstance(x, Literal)
     value = value_of(x.value, x.datatype.value, x.language)
-    return bool(value.mask & BITS[datatype.value]) if is_known(x) else None
+    return bool(value.mask & BITS[datatype.value]) if is_recognized(x) else None
 
 
 def is_datatype(c: Term) -> bool:
