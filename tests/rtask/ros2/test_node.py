@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import inspect
 import queue
@@ -14,6 +15,8 @@ from typing import Any
 import httpx
 import pytest
 
+import rtask
+from endpoint.access.tokens import TokenStore
 from rtask.cli.ros.schema import engine_schema
 from rtask.client.base import RULES
 from rtask.errors import UsageError
@@ -53,6 +56,25 @@ def node(world: World, server: RunningServer, tmp_path: Path) -> Iterator[GraphN
     )
     yield made
     made.close()
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, dict[str, str]]]:
+    """Address of a server with two robots, and the token of each."""
+    folder = tmp_path_factory.mktemp("guarded") / "store"
+    with rtask.open(folder) as kb:
+        kb.update(f"{PREFIXES} INSERT DATA {{ <urn:tea> a rt:Box ; rt:objectId 'lab/1' . "
+                  "<urn:cup> a rt:Exemplar ; rt:exemplarOf <urn:tea> }")  # fmt: skip
+    store = TokenStore(folder)
+    tokens = {name: store.create("robot", agent=name)[0] for name in ("nao-1", "nao-2")}
+    store.close()
+    with running_server(folder) as running:
+        yield running.url, tokens
+
+
+def rtask_node(url: str, token: str) -> contextlib.closing[GraphNode]:
+    options = NodeOptions("rtask_node", url, token=token, timeout_s=WAIT_S)
+    return contextlib.closing(GraphNode(options, CONTRACT))
 
 
 def start(node: GraphNode) -> None:
@@ -106,6 +128,32 @@ def test_what_is_refused_is_answered_with_its_reason_on_one_line(world, node):
     refused = world.call("rtask/recall_grasps", object="https://example.org/nothing").refused
     assert "https://example.org/nothing" in refused
     assert "\n" not in refused
+
+
+@pytest.mark.parametrize(
+    ("operation", "given"),
+    [
+        ("register_robot", {"name": "nao-1", "model": "panda", "end_effectors": [HAND]}),
+        ("state_frame", {"frame": "nao-1/base", "lost": True}),
+        ("state_place", {"thing": "urn:cup", "place": "{robot}/hand"}),
+        ("claim_step", {"robot": "nao-1"}),
+        ("report_outcome", {"object": "urn:tea", "gripper_id": "{robot}/hand"}),
+    ],
+)
+def test_a_node_speaks_for_the_robot_of_its_token_alone(world, guarded, operation, given):
+    url, tokens = guarded
+    with rtask_node(url, tokens["nao-1"]) as owner:
+        start(owner)
+        robot = register(world, "nao-1").robot
+    with rtask_node(url, tokens["nao-2"]) as stranger:
+        start(stranger)
+        named = {
+            key: value.format(robot=robot) if isinstance(value, str) else value
+            for key, value in given.items()
+        }
+        refused = world.call(f"rtask/{operation}", **named).refused
+    assert "nao-1" in refused or "another robot" in refused, refused
+    assert "'nao-2'" in refused
 
 
 def test_an_inactive_node_refuses_requests_and_goals(world, node):
