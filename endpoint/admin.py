@@ -14,7 +14,7 @@ from typing import Any
 
 from endpoint.access.auth import Caller
 from endpoint.context import ServerContext
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, json_response
 from endpoint.http.plan import Plan
 from endpoint.monitoring.metrics import CONTENT_TYPE
 from endpoint.routes.addresses import QUERIES
@@ -65,7 +65,7 @@ class AdminRoutes:
             record = embedded(context.kb, "a backup").backup(target)
             context.audit.event("backup", folder=str(target), by=caller.name, seq=record["seq"])
             members = {**record, "folder": str(target)}
-            return Response(201, json.dumps(members).encode(), JSON_TYPE)
+            return json_response(members, 201)
 
         return Plan(run)
 

@@ -7,7 +7,6 @@ robots: browsers send it with each websocket and each request that changes somet
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ from endpoint.access.sessions import (
     session_name,
 )
 from endpoint.access.tokens import Token, TokenStore
-from endpoint.http.messages import JSON_TYPE, Request, Response
+from endpoint.http.messages import Request, json_response
 from endpoint.http.plan import Plan
 from endpoint.settings import Config, is_loopback
 from rtask.errors import AuthenticationError, ForbiddenError
@@ -260,7 +259,7 @@ def plan_ticket(auth: Authenticator, caller: Caller) -> Plan:
     assert caller.token is not None
     body = {"ticket": auth.tickets.issue(caller.token.id), "expires_in": int(TICKET_LIFETIME_S)}
     headers = (("Cache-Control", "no-store"),)
-    return Plan.ready(Response(201, json.dumps(body).encode(), JSON_TYPE, headers))
+    return Plan.ready(json_response(body, 201, headers))
 
 
 def cors_headers(request: Request, config: Config) -> tuple[tuple[str, str], ...]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import datetime as dt
-import json
 from typing import Any
 
 from endpoint.access.auth import Caller
 from endpoint.api.operations import json_object
-from endpoint.http.messages import JSON_TYPE, Request, Response
+from endpoint.http.messages import Request, Response, json_response
 from endpoint.http.plan import Plan
 from endpoint.monitoring.audit import Audit
 from endpoint.routes.addresses import BRANCHES
@@ -35,13 +34,13 @@ def plan_branches(
     """
     name, _, action = address.removeprefix(BRANCHES).removeprefix("/").partition("/")
     if request.method in ("GET", "HEAD"):
-        return Plan(lambda: _json(_compared(kb, caller, name) if name else _listed(kb)))
+        return Plan(lambda: json_response(_compared(kb, caller, name) if name else _listed(kb)))
     if request.method == "DELETE":
         return Plan(lambda: _dropped(kb, audit, caller, name))
     if action:
-        note = str(_sent(request, ("note",)).get("note", "")) if request.body.strip() else ""
+        note = str(json_object(request, ("note",)).get("note", "")) if request.body.strip() else ""
         return Plan(lambda: _merged(kb, audit, caller, name, note))
-    fields = _sent(request, _FIELDS)
+    fields = json_object(request, _FIELDS)
     return Plan(lambda: _made(kb, caller, fields))
 
 
@@ -68,29 +67,18 @@ def _made(kb: KnowledgeBase, caller: Caller, fields: dict[str, Any]) -> Response
         lifetime=dt.timedelta(hours=hours),
         note=str(fields.get("note", "")),
     )
-    return _json(branch.to_dict(), 201, (("Location", f"{BRANCHES}/{branch.name}"),))
+    return json_response(branch.to_dict(), 201, (("Location", f"{BRANCHES}/{branch.name}"),))
 
 
 def _merged(kb: KnowledgeBase, audit: Audit, caller: Caller, name: str, note: str) -> Response:
     commit = open_named(kb, name).merge(access=caller.access, note=note or None)
     audit.event("branch-merge", branch=name, by=caller.name)
     counts = {"seq": commit.seq, "added": commit.added, "removed": commit.removed}
-    return _json(counts | {"derived": commit.derived, "withdrawn": commit.withdrawn})
+    return json_response(counts | {"derived": commit.derived, "withdrawn": commit.withdrawn})
 
 
 def _dropped(kb: KnowledgeBase, audit: Audit, caller: Caller, name: str) -> Response:
     open_named(kb, name)
     record = kb.drop_branch(name, access=caller.access)
     audit.event("branch-drop", branch=name, by=caller.name)
-    return _json(record.to_dict())
-
-
-def _sent(request: Request, allowed: tuple[str, ...]) -> dict[str, Any]:
-    fields = json_object(request)
-    for unknown in fields.keys() - set(allowed):
-        raise UsageError(f"unknown field {unknown!r}; one of {', '.join(allowed)}", field=unknown)
-    return fields
-
-
-def _json(value: Any, status: int = 200, headers: tuple[tuple[str, str], ...] = ()) -> Response:
-    return Response(status, json.dumps(value).encode(), JSON_TYPE, headers)
+    return json_response(record.to_dict())

@@ -18,20 +18,13 @@
 
 from __future__ import annotations
 
-import json
 import mimetypes
 from typing import Any
 from urllib.parse import unquote
 
 from endpoint.access.auth import Caller
 from endpoint.api.operations import json_object
-from endpoint.http.messages import (
-    CBOR_TYPE,
-    JSON_TYPE,
-    RefusedError,
-    Request,
-    Response,
-)
+from endpoint.http.messages import CBOR_TYPE, RefusedError, Request, Response, json_response
 from endpoint.http.plan import Plan
 from endpoint.routes.addresses import DATASETS
 from rtask.errors import UnknownTermError, UsageError
@@ -59,7 +52,7 @@ def _answer(datasets: Datasets, request: Request, caller: Caller, parts: list[st
     name = "/".join(parts[:2])
     try:
         if parts == [""]:
-            return _json({"datasets": datasets.names(caller.access)})
+            return json_response({"datasets": datasets.names(caller.access)})
         if len(parts) == 2:
             return _whole(datasets, request, caller, name)
         if len(parts) == 4 and parts[2] == "files":
@@ -75,7 +68,9 @@ def _whole(datasets: Datasets, request: Request, caller: Caller, name: str) -> R
     if request.method != "PUT":
         dataset = datasets.find(name, caller.access)
         facts = {"key": datasets.key(name.partition("@")[0])}
-        return _json({**dataset.facts(), **facts, "versions": datasets.numbers(dataset.dataset)})
+        return json_response(
+            {**dataset.facts(), **facts, "versions": datasets.numbers(dataset.dataset)}
+        )
     fields = json_object(request) if request.body else {}
     source, readers = fields.pop("fork_of", None), fields.pop("readers", None)
     key = fields.pop("key", "")
@@ -101,7 +96,9 @@ def _action(
 ) -> Response:
     if action == "diff":
         before, after = (_parameter(request, side) for side in ("from", "to"))
-        return _json(datasets.difference(f"{name}@{before}", f"{name}@{after}", caller.access))
+        return json_response(
+            datasets.difference(f"{name}@{before}", f"{name}@{after}", caller.access)
+        )
     if action == "files":
         return _files(datasets, request, caller, name)
     fields = json_object(request) if request.body else {}
@@ -109,20 +106,20 @@ def _action(
     if not isinstance(message, str):
         raise UsageError("message: expected a text", field="message")
     if action == "snapshot":
-        return _json(datasets.snapshot(name, message, caller.access).facts())
+        return json_response(datasets.snapshot(name, message, caller.access).facts())
     if action == "prune":
         paths, where = fields.get("paths", []), fields.get("where", {})
         if not _are_texts(paths):
             raise UsageError("paths: expected a list of texts", field="paths")
         if not isinstance(where, dict):
             raise UsageError("where: expected values by fields", field="where")
-        return _json(datasets.prune(name, paths, where, message, caller.access).facts())
+        return json_response(datasets.prune(name, paths, where, message, caller.access).facts())
     source, rules = fields.get("source"), fields.get("rules", {})
     if not isinstance(source, str):
         raise UsageError("source: expected the name of a version", field="source")
     if not isinstance(rules, dict) or not all(side in _RULES for side in rules.values()):
         raise UsageError('rules: expected {"<path>": "ours" or "theirs"}', field="rules")
-    return _json(datasets.merge(name, source, rules, message, caller.access).facts())
+    return json_response(datasets.merge(name, source, rules, message, caller.access).facts())
 
 
 def _files(datasets: Datasets, request: Request, caller: Caller, name: str) -> Response:
@@ -173,7 +170,3 @@ def _parameter(request: Request, name: str) -> str:
 
 def _are_texts(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(item, str) for item in value)
-
-
-def _json(value: Any) -> Response:
-    return Response(200, json.dumps(value).encode(), JSON_TYPE)

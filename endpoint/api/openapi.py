@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 
 from endpoint.api.openapi_declared import collection_paths, operation_paths, service_paths
 from endpoint.api.openapi_page import page
-from endpoint.http.messages import JSON_TYPE, Request, Response
+from endpoint.http.messages import Request, Response, json_response
 from endpoint.http.plan import Plan
 from endpoint.rosbridge.services import Engine
 from endpoint.routes import ROUTES, Route
@@ -24,7 +23,7 @@ def plan_openapi(engine: Engine, services: Registry, request: Request) -> Plan:
     """Prepare the description, as JSON or as a page."""
     described = document(engine, services)
     if request.raw_path.rstrip("/").endswith(".json"):
-        return Plan.ready(Response(200, json.dumps(described).encode(), JSON_TYPE))
+        return Plan.ready(json_response(described))
     return Plan.ready(Response(200, page(described).encode(), HTML_TYPE))
 
 

@@ -63,19 +63,27 @@ def _answered(answer: Answer) -> Response:
     return Response(200, answer.to_json(), JSON_TYPE)
 
 
-def json_object(request: Request) -> dict[str, Any]:
+def json_object(request: Request, allowed: tuple[str, ...] | None = None) -> dict[str, Any]:
     """Return the JSON object in the body of a request; an empty one has no members.
+
+    Parameters
+    ----------
+    allowed
+        Members that it may have; any by default.
 
     Raises
     ------
     RefusedError
         415.
     UsageError
-        It is not JSON, or not an object.
+        It is not JSON, or not an object, or has another member.
     """
     args = json_value(request)
     if not isinstance(args, dict):
         raise UsageError("expected one JSON object")
+    allowed = (*args,) if allowed is None else allowed
+    for name in args.keys() - set(allowed):
+        raise UsageError(f"unknown field {name!r}; one of {', '.join(allowed)}", field=name)
     return args
 
 

@@ -5,7 +5,6 @@ Who may decide sees all of them; a robot or person sees its own, and so learns w
 
 from __future__ import annotations
 
-import json
 from typing import Any, Literal, cast
 
 from pyoxigraph import DefaultGraph, Quad, RdfFormat
@@ -13,7 +12,7 @@ from pyoxigraph import DefaultGraph, Quad, RdfFormat
 from endpoint.access.auth import Caller
 from endpoint.access.rights import require_schema
 from endpoint.api.operations import json_object
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import RefusedError, Request, Response, json_response
 from endpoint.http.plan import Plan
 from endpoint.monitoring.audit import Audit
 from endpoint.routes.addresses import PROPOSALS
@@ -45,15 +44,19 @@ def plan_proposals(
     if request.method in ("GET", "HEAD"):
         if name:
             number = _number(name)
-            return Plan(lambda: _json(_one(kb, caller, number).to_dict()))
+            return Plan(lambda: json_response(_one(kb, caller, number).to_dict()))
         state, author = _state(request), next(iter(request.values("author")), None)
-        return Plan(lambda: _json({"proposals": _listed(kb, caller, state, author)}))
+        return Plan(lambda: json_response({"proposals": _listed(kb, caller, state, author)}))
     if not name:
-        fields = _sent(request, _FIELDS)
+        fields = json_object(request, _FIELDS)
         return Plan(lambda: _proposed(kb, caller, fields))
     number, decision = _number(name), cast("Decision", action)
-    remark = str(_sent(request, ("remark",)).get("remark", "")) if request.body.strip() else ""
-    return Plan(lambda: _json(decide(kb, audit, caller, number, decision, remark).to_dict()))
+    remark = (
+        str(json_object(request, ("remark",)).get("remark", "")) if request.body.strip() else ""
+    )
+    return Plan(
+        lambda: json_response(decide(kb, audit, caller, number, decision, remark).to_dict())
+    )
 
 
 def visible(
@@ -138,7 +141,7 @@ def _proposed(kb: KnowledgeBase, caller: Caller, fields: dict[str, Any]) -> Resp
         rests_on=rests_on,
     )
     location = f"{PROPOSALS}/{made.number}"
-    return _json(made.to_dict(), 201, (("Location", location),))
+    return json_response(made.to_dict(), 201, (("Location", location),))
 
 
 def _quads(fields: dict[str, Any], field: str, home: Any) -> list[Quad]:
@@ -155,13 +158,6 @@ def _quads(fields: dict[str, Any], field: str, home: Any) -> list[Quad]:
     ]
 
 
-def _sent(request: Request, allowed: tuple[str, ...]) -> dict[str, Any]:
-    fields = json_object(request)
-    for unknown in fields.keys() - set(allowed):
-        raise UsageError(f"unknown field {unknown!r}; one of {', '.join(allowed)}", field=unknown)
-    return fields
-
-
 def _state(request: Request) -> State | None:
     values = request.values("state")
     if not values:
@@ -175,7 +171,3 @@ def _number(text: str) -> int:
     if not text.isdecimal() or len(text) > 17:
         raise RefusedError(404, "not-found", f"{text!r} is no number of a proposal")
     return int(text)
-
-
-def _json(value: Any, status: int = 200, headers: tuple[tuple[str, str], ...] = ()) -> Response:
-    return Response(status, json.dumps(value).encode(), JSON_TYPE, headers)

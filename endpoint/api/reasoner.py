@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -10,7 +9,7 @@ from pyoxigraph import RdfFormat
 
 from endpoint.access.auth import Caller
 from endpoint.api.operations import json_object
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, json_response
 from endpoint.http.plan import Plan
 from endpoint.routes.addresses import RULES
 from endpoint.routes.reasoning import BUDGET, MAX_BUDGET, SPARQL_TYPE
@@ -40,7 +39,7 @@ def plan_explain(kb: KnowledgeBase, request: Request) -> Plan:
         A parameter is missing, or is not what is expected.
     """
     triple, budget = _triple(kb, request), _budget(request)
-    return Plan(lambda: _json(explain(kb, triple, budget).to_dict()))
+    return Plan(lambda: json_response(explain(kb, triple, budget).to_dict()))
 
 
 def plan_entails(kb: KnowledgeBase, request: Request) -> Plan:
@@ -54,7 +53,7 @@ def plan_entails(kb: KnowledgeBase, request: Request) -> Plan:
         The statements cannot be read, or are too many.
     """
     conclusion, budget = _conclusion(kb, request), _budget(request)
-    return Plan(lambda: _json(kb.entails(conclusion, budget=budget).to_dict()))
+    return Plan(lambda: json_response(kb.entails(conclusion, budget=budget).to_dict()))
 
 
 def plan_contradictions(kb: KnowledgeBase) -> Plan:
@@ -80,7 +79,9 @@ def plan_rules(kb: KnowledgeBase, request: Request, caller: Caller) -> Plan:
         if not names:
             raise UsageError(f"name the rules to remove: DELETE {RULES}?label=<label>")
         return Plan(lambda: _remove(kb, names, request, caller))
-    return Plan(lambda: _json(_rule_named(kb, name).to_dict() if name else {"rules": _all(kb)}))
+    return Plan(
+        lambda: json_response(_rule_named(kb, name).to_dict() if name else {"rules": _all(kb)})
+    )
 
 
 def _all(kb: KnowledgeBase) -> list[dict[str, Any]]:
@@ -107,10 +108,10 @@ def _add(kb: KnowledgeBase, request: Request, caller: Caller) -> Response:
     made = [_rule_named(kb, rule.label.strip()) for rule in sent.rules]
     facts = {"commit": commit.seq, "derived": commit.derived, "changed": commit.added > 0}
     if sent.several:
-        return _json({"rules": [rule.to_dict() for rule in made], **facts}, 201)
+        return json_response({"rules": [rule.to_dict() for rule in made], **facts}, 201)
     (rule,) = made
     location = RULES + "/" + (rule.iri.value.rpartition("/rule/")[2] if rule.iri else "")
-    return _json({**rule.to_dict(), **facts}, 201, (("Location", location),))
+    return json_response({**rule.to_dict(), **facts}, 201, (("Location", location),))
 
 
 def _remove(kb: KnowledgeBase, names: list[str], request: Request, caller: Caller) -> Response:
@@ -118,7 +119,7 @@ def _remove(kb: KnowledgeBase, names: list[str], request: Request, caller: Calle
     commit = kb.remove_rules(labels, access=caller.access, note=caller.note(request))
     # One rule in the path is answered by itself, a list of ?label= by a list, however many it has.
     removed = labels if request.values("label") else labels[0]
-    return _json({"removed": removed, "commit": commit.seq, "withdrawn": commit.withdrawn})
+    return json_response({"removed": removed, "commit": commit.seq, "withdrawn": commit.withdrawn})
 
 
 def _triple(kb: KnowledgeBase, request: Request) -> TripleKey:
@@ -183,7 +184,7 @@ def _text_of(request: Request) -> bytes:
 
 
 def _contradictions(kb: KnowledgeBase) -> Response:
-    return _json(
+    return json_response(
         {
             "contradictions": [contradiction.message for contradiction in kb.contradictions()],
             "causes": kb.causes(CAUSES_MS),
@@ -245,9 +246,3 @@ def _check_fields(sent: dict[str, Any], fields: tuple[str, ...]) -> None:
     unknown = sorted(set(sent) - set(fields))
     if unknown:
         raise UsageError(f"unknown field {unknown[0]!r}; one of {', '.join(fields)}")
-
-
-def _json(
-    value: dict[str, Any], status: int = 200, headers: tuple[tuple[str, str], ...] = ()
-) -> Response:
-    return Response(status, json.dumps(value).encode(), JSON_TYPE, headers)

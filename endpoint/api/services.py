@@ -31,6 +31,7 @@ from endpoint.http.messages import (
     RefusedError,
     Request,
     Response,
+    json_response,
 )
 from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import details_of
@@ -68,11 +69,11 @@ def plan_service(
         if address == JOBS or address.startswith(f"{JOBS}/"):
             return _plan_jobs(host, auth, request, caller, address.removeprefix(JOBS).strip("/"))
         if address == SERVICES:
-            return Plan(lambda: _json({"services": host.listing()}))
+            return Plan(lambda: json_response({"services": host.listing()}))
         parts = address.removeprefix(f"{SERVICES}/").split("/")
         if len(parts) == 2:
             service = host.registry.find("/".join(parts))
-            return Plan(lambda: _json(host.description(service.exact)))
+            return Plan(lambda: json_response(host.description(service.exact)))
         if len(parts) != 3:
             raise UnknownTermError(f"there is nothing at {address}; see {SERVICES}")
         return _plan_call(host, auth, request, caller, "/".join(parts[:2]), parts[2])
@@ -171,7 +172,9 @@ def _plan_jobs(
     host: ServiceHost, auth: Authenticator, request: Request, caller: Caller, job_id: str
 ) -> Plan:
     if not job_id:
-        return Plan(lambda: _json({"jobs": [job.facts() for job in host.jobs.of(caller.key)]}))
+        return Plan(
+            lambda: json_response({"jobs": [job.facts() for job in host.jobs.of(caller.key)]})
+        )
     job = host.jobs.find(job_id, caller.key)
     if request.method == "DELETE":
         return Plan(lambda: _cancelled(job))
@@ -201,7 +204,7 @@ def _job(job: Job, after: int | None = None) -> Response:
     facts = job_facts(job)
     if after is not None:
         facts["events"] = [{"number": number, **event} for number, event in job.events(after)]
-    return _json(facts)
+    return json_response(facts)
 
 
 def job_facts(job: Job) -> dict[str, Any]:
@@ -263,7 +266,3 @@ def event_number(request: Request) -> int:
     if not (text.isdecimal() and len(text) <= _MAX_DIGITS):
         raise UsageError(f"after={text[:40]}: expected a whole number", field="after")
     return int(text)
-
-
-def _json(value: Any) -> Response:
-    return Response(200, json.dumps(value).encode(), JSON_TYPE)

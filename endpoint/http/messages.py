@@ -8,6 +8,7 @@ from __future__ import annotations
 import binascii
 import difflib
 import itertools
+import json
 import re
 import secrets
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -319,3 +320,10 @@ def refuse_unknown(names: Iterable[str], allowed: Sequence[str]) -> None:
                 f"unknown parameter `{name[:80]}`; {hint}known: {', '.join(allowed)}",
                 parameter=name[:80],
             )
+
+
+def json_response(
+    value: Any, status: int = 200, headers: tuple[tuple[str, str], ...] = ()
+) -> Response:
+    """Return a response whose body is a value as JSON."""
+    return Response(status, json.dumps(value).encode(), JSON_TYPE, headers)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from typing import Any
 
 from endpoint.http.following import Following
-from endpoint.http.messages import JSON_TYPE, RefusedError, Response
+from endpoint.http.messages import RefusedError, Response, json_response
 from endpoint.http.plan import Plan
 from endpoint.routes.addresses import HEALTH
 from endpoint.served import ServedGraph
@@ -89,4 +88,4 @@ class Health:
 
 
 def _answer(members: dict[str, Any], ok: bool) -> Response:
-    return Response(200 if ok else 503, json.dumps(members).encode(), JSON_TYPE)
+    return json_response(members, 200 if ok else 503)

@@ -19,7 +19,7 @@ from endpoint.rosbridge.messages import (
     is_writable,
     refuse_unwritable,
 )
-from endpoint.rosbridge.topics import RESERVED
+from endpoint.rosbridge.topics import refuse_reserved
 from rtask.errors import ForbiddenError, UsageError
 
 DEFAULT_S = 30.0
@@ -191,18 +191,6 @@ class Providers:
         if call.deadline is not None:
             call.deadline.cancel()
         call.done(result, values)
-
-
-def refuse_reserved(name: str) -> None:
-    """Refuse names reserved for the server.
-
-    Raises
-    ------
-    UsageError
-        The name is reserved.
-    """
-    if name.startswith(RESERVED):
-        raise UsageError(f"names below {', '.join(RESERVED)} belong to the server: {name}")
 
 
 def timeout_of(message: JsonObject, default_s: float = DEFAULT_S) -> float:

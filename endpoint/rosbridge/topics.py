@@ -128,7 +128,7 @@ class Topics:
         UsageError
             The name is reserved, the type differs, or the session has too many topics.
         """
-        self._refuse_reserved(name)
+        refuse_reserved(name)
         with self._lock:
             topic = self._topics.setdefault(name, Topic())
             if topic.type and type_ and topic.type != type_:
@@ -197,7 +197,7 @@ class Topics:
 
     def publish(self, session: int, name: str, message: Any, *, latch: bool = False) -> None:
         """Deliver a robot's message to all subscribers, itself included."""
-        self._refuse_reserved(name)
+        refuse_reserved(name)
         topic = self._topics.get(name)
         # Some clients latch when they advertise, others when they publish.
         latch = latch or (topic is not None and session in topic.latching)
@@ -308,7 +308,14 @@ class Topics:
         if self._topics[name].is_unused and not name.startswith(RESERVED):
             del self._topics[name]
 
-    @staticmethod
-    def _refuse_reserved(name: str) -> None:
-        if name.startswith(RESERVED):
-            raise UsageError(f"names below {', '.join(RESERVED)} belong to the server: {name}")
+
+def refuse_reserved(name: str) -> None:
+    """Refuse names reserved for the server.
+
+    Raises
+    ------
+    UsageError
+        The name is reserved.
+    """
+    if name.startswith(RESERVED):
+        raise UsageError(f"names below {', '.join(RESERVED)} belong to the server: {name}")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
-
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import RefusedError, Request, Response, json_response
 from endpoint.http.plan import Plan
 from endpoint.served import ServedGraph
 from endpoint.sparql.request import QUERY_TYPE, UPDATE_TYPE
@@ -68,4 +66,4 @@ def _answer(kb: ServedGraph, text: str, *, is_query: bool) -> Response:
             check_update(read_update(text))
     except DataError as error:
         checks = {"ok": False, "detail": str(error), **error.details}
-    return Response(200, json.dumps(checks).encode(), JSON_TYPE)
+    return json_response(checks)

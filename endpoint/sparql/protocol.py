@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime as dt
-import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -12,7 +11,14 @@ from functools import lru_cache, partial
 from endpoint.access.auth import Caller
 from endpoint.http.compression import wants_gzip
 from endpoint.http.conditional import Versions, is_current
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, remark_header
+from endpoint.http.messages import (
+    JSON_TYPE,
+    RefusedError,
+    Request,
+    Response,
+    json_response,
+    remark_header,
+)
 from endpoint.http.outbound_http import Outgoing
 from endpoint.http.plan import Plan, RunningQuery
 from endpoint.served import ServedGraph, embedded
@@ -296,7 +302,7 @@ def plan_update(
             "derived": commit and commit.derived,
             **({"remark": remark} if remark else {}),
         }
-        return Response(200, json.dumps(counts).encode(), JSON_TYPE)
+        return json_response(counts)
 
     return Plan(run, form="UPDATE", text=update.text)
 

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.http.messages import RefusedError
 from endpoint.http.problems import details_of
 from endpoint.pages.render import application, blueprint, context, current_request, to_flask
+from endpoint.pages.services.composed_runs import run_facts
 from endpoint.pages.services.results import shown_answer
 from endpoint.pages.signin import require_form
 from endpoint.routes.addresses import JOBS
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import UnknownTermError
-from rtask.services.jobs import ENDED, Job
+from rtask.services.jobs import Job
 
 __all__: list[str] = []
 
@@ -26,7 +25,7 @@ def jobs() -> str | WerkzeugResponse:
     if not prefers_html(current_request().header("accept")):
         return to_flask(application().handle(current_request()))
     caller = context().auth.identify(current_request())
-    listed = [_facts(job) for job in context().services.jobs.of(caller.key)]
+    listed = [run_facts(job) for job in context().services.jobs.of(caller.key)]
     return flask.render_template("jobs.html", jobs=listed)
 
 
@@ -43,7 +42,7 @@ def job(job_id: str) -> str | WerkzeugResponse:
         answer = shown_answer(job_run.task.done.result(), dict(job_run.task.request))
     return flask.render_template(
         "job.html",
-        job=_facts(job_run),
+        job=run_facts(job_run),
         events=events,
         problem=details_of(error) if error else None,
         answer=answer,
@@ -65,8 +64,3 @@ def _job(job_id: str) -> Job:
         return context().services.jobs.find(job_id, caller.key)
     except UnknownTermError as error:
         raise RefusedError(404, "not-found", f"{error}; see {JOBS}") from None
-
-
-def _facts(job: Job) -> dict[str, Any]:
-    facts = job.facts()
-    return {**facts, "href": f"{JOBS}/{job.id}", "ended": facts["state"] in ENDED}
