@@ -192,13 +192,15 @@ class Phrase:
         if self.anaphor:
             return self.anaphor
         words = ["other"] * self.others
-        if self.superlative is not None:
-            words.append(self.superlative.text)
+        most = self.superlative
+        if most is not None and most.to is None:
+            words.append(most.text)
         for group in (self.traits, self.colours, self.materials):
             for names, is_not in group:
                 words.append("not " * is_not + " or ".join(name.text for name in names))
         words += [name.text for name in self.heads] or ["things"]
         words += [f"not {name.text}" for name in self.kinds_not]
+        words += [most.text] if most is not None and most.to is not None else []
         words += [
             f"{item.measure} {'above' if item.is_above else 'below'} {item.value:g}"
             for item in self.comparisons

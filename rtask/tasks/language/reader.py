@@ -121,8 +121,9 @@ def _read(select: Select, text: str, base: str, slips: int) -> Understood:
         if slip is not None:
             try:
                 understood = _read(select, slip.corrected(text), base, slips - 1)
-            except UsageError:
-                raise _not_understood(items, names) from None
+            except UsageError as error:
+                # What is doubtful of the corrected sentence helps more than the slip itself.
+                raise type(error)(f"{slip.remark}; {error}") from None
             return replace(understood, remarks=(slip.remark, *understood.remarks))
         raise _not_understood(items, names)
     matches: dict[frozenset[_Meaning], Understood] = {}
