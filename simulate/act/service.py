@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from simulate.act.request import ActRequest
+from simulate.grasping.attempt.driving import ArmDrive
 from simulate.grasping.attempt.run import AttemptRun
 from simulate.grasping.executor import Workcell
 from simulate.grasping.record import GraspRecord
@@ -95,7 +96,8 @@ class ActService:
             return self._place_held(request)
         self.go_home()
         if request.action == "home":
-            return _answer(request, "ok", 0.0)
+            # A trajectory controller may have moved an arm since, of which no run knows.
+            return _answer(request, "ok", 0.0 if self._are_home() else math.nan)
         if request.action == "place":
             return self._pretend_to_place(request)
         planned = plan_goal(self.cell, request, self.seed)
@@ -124,6 +126,13 @@ class ActService:
                 run.put_back()
             else:
                 run.back_off()
+
+    def _are_home(self) -> bool:
+        """Bring each arm home that is elsewhere; return whether all got there."""
+        world, robot = self.cell.world, self.cell.robot
+        drives = (ArmDrive(world, robot, arm, lambda phase: None) for arm in robot.arms)
+        arrived = [drive.start_at_home() for drive in drives]  # the others too, if one did not
+        return all(arrived)
 
     def _place_held(self, request: ActRequest) -> dict[str, Any]:
         run, self._under_way, self._holds = self._under_way, None, False

@@ -137,12 +137,13 @@ class ArmDrive:
             self.log.sample()
             left -= part
 
-    def start_at_home(self) -> None:
-        """Move straight home if something kept the arm from getting there."""
+    def start_at_home(self) -> bool:
+        """Move straight home if something kept the arm from it; return whether it is there."""
         home, now = self.robot.home(self.arm), self._joints()
-        if np.max(np.abs(now - home)) > _TRACKING_RAD:
-            velocity = SPEED["return"] * self.robot.chains[self.arm].velocity
-            self.follow(time_path(np.stack([now, home]), velocity))
+        if np.max(np.abs(now - home)) <= _TRACKING_RAD:
+            return True
+        velocity = SPEED["return"] * self.robot.chains[self.arm].velocity
+        return self.follow(time_path(np.stack([now, home]), velocity))
 
     def go_home(self, free: Trajectory) -> None:
         """Go back along the way on which the arm came from home, and rest."""

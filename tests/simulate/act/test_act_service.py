@@ -16,8 +16,10 @@ from simulate.act.service import ActService, theta_offsets
 from simulate.act.trials import csv_log, place_test, random_goal, reach_test
 from simulate.act.workspace import map_workspace
 from simulate.commands import simulate
+from simulate.grasping.attempt.driving import ArmDrive
 from simulate.grasping.executor import Workcell
 from simulate.motion.arm_space import ArmSpace
+from simulate.motion.trajectory import time_path
 from simulate.robots import describe
 from simulate.world.objects import product
 from tests.commands import run_command
@@ -129,6 +131,25 @@ def test_reach_goes_there_stays_there_and_home_leaves(panda, service):
     assert service.act({"action_type": "home"})["success"] == 1
     np.testing.assert_allclose(
         panda.robot.arm_joints("panda_arm"), panda.robot.home("panda_arm"), atol=0.02
+    )
+
+
+def test_home_brings_an_arm_home_that_a_controller_moved(panda, service):
+    robot, home = panda.robot, panda.robot.home("panda_arm")
+    drive = ArmDrive(panda.world, robot, "panda_arm", lambda phase: None)
+    assert drive.follow(time_path(np.stack([home, home + np.eye(7)[6] * 0.3]), np.full(7, 0.8)))
+    answer = service.act({"action_type": "home"})
+    assert (answer["success"], answer["reason"], answer["distance_error_m"]) == (1, "ok", 0.0)
+    np.testing.assert_allclose(robot.arm_joints("panda_arm"), home, atol=0.02)
+
+
+def test_an_arm_that_does_not_get_home_is_no_success(service, monkeypatch):
+    monkeypatch.setattr(ArmDrive, "start_at_home", lambda drive: False)
+    answer = service.act({"action_type": "home"})
+    assert (answer["success"], answer["reason"], answer["distance_error_m"]) == (
+        0,
+        "tracking",
+        None,
     )
 
 
