@@ -139,6 +139,7 @@ class Staged:
             If it was applied or discarded before, or another one was applied since.
         """
         draft = self._pending()
+        # Its consequences were derived from facts that may be gone by now.
         if self._version != self._closure._version:
             raise RuntimeError("another change was applied since this one was staged")
         self._closure._take(draft, self._exported, self._rules, self._origin)
@@ -280,6 +281,8 @@ class Closure(ClosureView):
             draft = maintainer.draft(self._state, changed, former if now != former else None)
             staged = Staged(self, draft, now, counts)
         except BaseException:
+            # Else each refused change would leave its terms behind, and a robot could fill the
+            # memory.
             self._terms.forget_since(counts)
             raise
         if staged.contradictions and self._config.on_contradiction == "reject":
@@ -482,6 +485,7 @@ class Closure(ClosureView):
         def clash(triples: Iterable[Triple]) -> list[Contradiction]:
             return Closure.build(triples, [], rules, self._config).contradictions()
 
+        # Of this thread: on a busy machine the same search would otherwise find less.
         deadline = time.thread_time() + budget_ms / 1000
         added = draft.asserted.added if draft is not None else frozenset[Fact]()
         search = Search(self._reading(draft), clash, frozenset(added), deadline)

@@ -37,6 +37,7 @@ class Renumbering:
 
     def __call__(self, number: int) -> int:
         """Return the id here; that of a variable, which is negative, stays."""
+        # Literals first: their ids lie above those of all resources.
         if number >= self.first_literal:
             return int(self.literals[number - self.first_literal])
         if self.first_resource <= number < LITERAL:
@@ -59,6 +60,8 @@ class Renumbering:
 
     def keys(self, keys: Keys) -> Keys:
         """Return pairs of ids, again in ascending order."""
+        # Two terms may be one here, and the order of ids is another: pairs are sorted and merged
+        # anew.
         halves = self.ids(arrays.upper(keys)), self.ids(arrays.lower(keys))
         return arrays.distinct(arrays.pack(*halves))
 
@@ -130,6 +133,7 @@ def facts_in(columns: KeysByProperty) -> Iterator[Fact]:
 
 def without(columns: KeysByProperty, others: KeysByProperty) -> dict[int, Keys]:
     """Return columns without the facts of others; empty ones are left out."""
+    # Columns without facts would make two equal changes differ.
     rest = {p: keys[~arrays.is_in(keys, others.get(p, NO_KEYS))] for p, keys in columns.items()}
     return {p: keys for p, keys in rest.items() if len(keys)}
 

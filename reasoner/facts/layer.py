@@ -111,6 +111,7 @@ class Layer:
 
     def apply(self) -> None:
         """Write the changes into the base; over an empty one, the additions become the base."""
+        # A first load would otherwise copy every fact that it has just derived.
         if not len(self.base):
             self.base, self.added = self.added, Facts()
         for fact in self.removed:
