@@ -152,6 +152,7 @@ class SceneChangeGate:
         depth = _second_largest(_depth_divergence(key.frame.depth_m, frame.depth_m, BLOCK_PX))
         colour = 0.0
         if now.grey is not None and key.grey is not None:
+            # A camera that sets its exposure anew changes every pixel, and nothing of the scene.
             gain = _median(key.grey) / max(_median(now.grey), 1)
             colour = _second_largest(_grey_divergence(key.grey, now.grey, gain, BLOCK_PX))
         limits = self.params
@@ -240,10 +241,12 @@ def _depth_divergence(
                         near, far = b if b < near else near, b if b > far else far
                         seen_q += 1
             share_p, share_q = seen_p / block**2, seen_q / block**2
+            # Depth that comes or goes altogether is a change, though there is nothing to compare.
             if min(share_p, share_q) < _EMPTY and max(share_p, share_q) > _FULL:
                 out[i, j] = 1.0
             elif share_p >= _COMPARABLE and share_q >= _COMPARABLE:
                 mean = total / seen_p
+                # Three times the axial noise of a Kinect (Nguyen, Izadi and Lovell 2012).
                 width = max(0.01, 3 * (0.0012 + 0.0019 * (mean - 0.4) ** 2))
                 low = min(int(near / width), _MAX_BINS - 1)
                 high = min(int(far / width), _MAX_BINS - 1)
@@ -266,6 +269,7 @@ def _shares(gain: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """
     bins, shares = np.empty(256, np.int64), np.empty(256)
     for value in range(256):
+        # Shared between the two nearest bins, so that a value at their border does not flip.
         at = min(gain * value, 255.0) / 256 * _GREY_BINS - 0.5
         low = int(np.floor(at))
         bins[value], shares[value] = low, at - low

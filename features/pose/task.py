@@ -74,6 +74,7 @@ class PoseTask:
         self.points = frame.points()
         lens = frame.intrinsics
         self.camera = (lens.fx, lens.fy, lens.cx - frame.x0, lens.cy - frame.y0)
+        # The same frame gives the same pose, whatever was asked before.
         self.rng = np.random.default_rng(0)
         self.judged = self._chosen(labels == label)
         self._around: tuple[NDArray[np.intp], NDArray[np.float64]] | None = None
@@ -169,6 +170,7 @@ class PoseTask:
         """Return by how much of the score (n,) each explains less beside the segment than any."""
         numbers, places = self._surroundings()
         beside = places[self.labels.ravel()[numbers] != self.label]
+        # Thinned evenly: a large surface beside the thing costs no more than a small one.
         step = max(-(-len(beside) // _MAX_BESIDE), 1)
         own = max(int((self.labels == self.label).sum()), 1) / step
         near = [

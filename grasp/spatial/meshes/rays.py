@@ -150,6 +150,7 @@ def _split(low, high):  # type: ignore[no-untyped-def]
     top, used = 1, 1
     bins, areas = np.zeros(_BINS, np.int64), np.zeros(_BINS)
     around = np.empty((_BINS, 6))
+    # The order of the faces on either side stays, so that the tree is the same on every machine.
     scratch = np.empty(count, np.int64)
     while top > 0:
         top -= 1
@@ -169,6 +170,8 @@ def _split(low, high):  # type: ignore[no-untyped-def]
                 else:
                     scratch[right], right = order[k], right + 1
             order[left:end] = scratch[:right]
+        # All middles on one side, as of equal faces: halves by number end the splitting all the
+        # same.
         if left in (start, end):
             left = (start + end) // 2
         nodes[node] = used, 0
@@ -243,6 +246,7 @@ def _best_plane(low, high, middle, order, start, end, bins, areas, around):  # t
 def _inverse(x):  # type: ignore[no-untyped-def]
     """Return 1 / x, large instead of infinite: 0 times it must not be NaN."""
     if abs(x) < 1e-15:
+        # An infinite inverse times 0 is no number where a line lies in the plane of a box's side.
         return 1e15 if x >= 0.0 else -1e15
     return 1.0 / x
 
@@ -274,6 +278,7 @@ def _meets_triangle(c, e1, e2, j, ox, oy, oz, dx, dy, dz):  # type: ignore[no-un
     inverse = 1.0 / det
     sx, sy, sz = ox - c[j, 0], oy - c[j, 1], oz - c[j, 2]
     u = (sx * px + sy * py + sz * pz) * inverse
+    # A little wider than the face: between two neighbours no line may slip through by rounding.
     if u < -_EDGE or u > 1.0 + _EDGE:
         return np.inf
     qx, qy, qz = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
