@@ -135,17 +135,29 @@ def guess_robot(
     robot = replace(robot, base_from_root=_standing(robot), cameras=_own_cameras(urdf, robot))
     arms = dict(_arms(robot, mounted, other))
     robot = with_open_mouths(replace(robot, arms=arms, model=whole.name))
-    placed = place_robot(robot, seed)
-    robot = without_contacts(placed.robot, seed)
-    allowed = {pair for pair in semantic.may_touch if _are_links(robot, pair)}
-    robot = replace(robot, may_touch=tuple(sorted({*robot.may_touch, *allowed})))
-    robot = _at_home(robot, semantic.homes, seed)
+    try:
+        placed = place_robot(robot, seed)
+        robot = without_contacts(placed.robot, seed)
+        allowed = {pair for pair in semantic.may_touch if _are_links(robot, pair)}
+        robot = replace(robot, may_touch=tuple(sorted({*robot.may_touch, *allowed})))
+        robot = _at_home(robot, semantic.homes, seed)
+    except RobotError as error:
+        # What was doubted of the file is likelier the cause than the arm.
+        raise RobotError(f"{error}{_doubts(warnings)}") from error
     settings = settings_of(
         robot, urdf, gripper=gripper, on=on, rest=rest, strict=strict, scale=scale
     )
     made = robot_from(settings, Path(f"{name}.toml").resolve())
     limits = tuple(_limits(made, hands))
     return GuessedRobot(made, settings, tuple(_guessed(settings)), warnings, placed.share, limits)
+
+
+def _doubts(warnings: Sequence[str]) -> str:
+    """Return what was said of a file, as an end of an error's sentence."""
+    if not warnings:
+        return ""
+    more = f" (and {len(warnings) - 1} more)" if len(warnings) > 1 else ""
+    return f"; of the file: {warnings[0]}{more}"
 
 
 def _limits(robot: RobotDescription, hands: Sequence[MeasuredHand]) -> Iterator[str]:

@@ -20,6 +20,7 @@ import numpy as np
 
 from rtask.errors import RobotError
 from simulate.robots.description import Inertial, Joint, Link, Pose, Shape, Vector
+from simulate.robots.doctor.axes import doubtful_axes
 from simulate.robots.doctor.spelling import without_namespaces, writing_doubts
 from simulate.robots.doctor.units import (
     doubtful_limits,
@@ -176,8 +177,8 @@ class _Reader:
             *doubtful_motions(joints),
         ]  # fmt: skip
         ordered = tuple(from_the_root(self._path, roots[0], joints))
-        self._warnings += doubtful_places(links.values(), ordered)
-        self._warnings += writing_doubts(tree)
+        self._warnings += [*doubtful_places(links.values(), ordered), *doubtful_axes(ordered),
+                           *writing_doubts(tree)]  # fmt: skip
         name, warnings = tree.get("name", self._path.stem), tuple(dict.fromkeys(self._warnings))
         return ReadRobot(name, roots[0], tuple(links.values()), ordered, warnings)
 

@@ -144,6 +144,10 @@ CASES = {
         'effort="60"/>', 'effort="60"/><safety_controller soft_lower_limit="-.5" '
         'soft_upper_limit=".5"/>', "kept within -0.5 .. 0.5 by its safety_controller",
     ),
+    "axes all one way": (
+        '<axis xyz="0 1 0"/><limit lower="-2.5"', '<axis xyz="0 0 1"/><limit lower="-2.5"',
+        "the 6 joints j0, j1, j2, j3, j4, j5 all turn about one direction",
+    ),
     "a centre of mass of elsewhere": (
         '<origin xyz="0 0 0.05"/><mass value="1"/>', '<origin xyz="0 0.8 0"/><mass value="1"/>',
         "'shoulder' has its centre of mass 0.775 m outside of its shape",
@@ -227,4 +231,6 @@ def test_faults_are_said_before_a_search_that_fails(tmp_path, monkeypatch):
     path = write(tmp_path, whole_robot().replace('lower="-2.5"', 'lower="-143"'))
     done = CliRunner().invoke(robot, ["add", str(path), "--name", "mine"])
     assert "no posture" in str(done.exception)
+    assert "; of the file: joint 'j0' turns from -143" in str(done.exception)
+    assert "(and 5 more)" in str(done.exception)
     assert done.stderr.startswith("warning: joint 'j0' turns from -143")
