@@ -18,6 +18,7 @@ LIMITS = JointLimits(np.array([-3.0, -3.0]), np.array([3.0, 3.0]))
 START = (0.9, 0.3)
 ACTION, TOPIC = "/arm_controller/follow_joint_trajectory", "/joint_states"
 _STEP_S, _HURRY = 0.01, 5.0
+_ASIDE_RAD, _TOLD_ASIDE = 0.3, 20
 
 
 class HostileArm:
@@ -56,7 +57,7 @@ class HostileArm:
             self.at = self._place(passed, times, rows)
             if (self.at != before).any():
                 self.last_moved = self.clock
-            if passed >= times[-1] and self.motion is motion:
+            if passed >= times[-1] and self.motion is motion and not self._lingers(passed, times):
                 self.motion = None
                 self.over.append(goal)
 
@@ -66,9 +67,14 @@ class HostileArm:
         if goes == "half" and passed > times[-1] / 2:  # another controller has the joints now
             self.motion = None
         at = np.array([np.interp(passed, times, column) for column in rows.T])
-        if goes == "aside" and passed < times[-1]:
-            at[0] += 0.8 * np.sin(np.pi * passed / times[-1])
+        if self._lingers(passed, times):
+            at[0] += 0.8 * np.sin(np.pi * min(passed / times[-1], 0.5))
         return 2 * rows[0] - at if goes == "mirrored" else at
+
+    def _lingers(self, passed, times):
+        """Tell whether the arm is aside: until that was told often, however busy the machine is."""
+        goes = self.end.get("goes") if isinstance(self.end, dict) else None
+        return goes == "aside" and (passed < times[-1] or self.ticks < _TOLD_ASIDE)
 
     def take(self, goal, points):
         """Take a goal; return whether it has ended at once."""
@@ -108,6 +114,8 @@ class HostileArm:
         seconds, nanoseconds = divmod(time.time_ns() - 3_600_000_000_000 * (self.state == "old"),
                                       1_000_000_000)  # fmt: skip
         names, at = list(JOINTS), self.at.tolist()
+        if at[0] > START[0] + _ASIDE_RAD:
+            self.tick()
         if self.state == "a text for a list":
             at = "0.9 0.3"
         if isinstance(self.end, dict) and self.end.get("goes") == "unseen":
