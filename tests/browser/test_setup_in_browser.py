@@ -216,6 +216,7 @@ def test_a_camera_info_in_yaml_fills_in_the_sensor(
 @pytest.mark.parametrize(
     "text",
     [
+        '{"width": 64, "height": 48, "k": [60, 0, 0, 0, 60, 0, 31.5, 23.5, 1]}',  # by columns
         "[" * 100_000,
         "[" * 19_000,
         "null",

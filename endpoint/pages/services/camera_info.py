@@ -106,9 +106,13 @@ def _fields(info: _Values) -> _Values:
         header = info.get("header")
         frame = str(header.get("frame_id") or "") if isinstance(header, dict) else ""
         name = frame.rpartition("/")[2]
+    from features.imaging.camera import lens_from_message
+
     matrix = [float(value) for value in camera_matrix]
     if len(matrix) != _MATRIX or not all(map(math.isfinite, matrix)) or matrix[0] <= 0:
         raise ValueError("K: expected nine numbers, the focal length first")
+    # Column by column, or as shares of the picture, it would be stored as another camera.
+    lens_from_message({"width": int(width), "height": int(height), "k": matrix})
     values: _Values = {"width": int(width), "height": int(height), "fx": matrix[0], "fy": matrix[4],
                        "cx": matrix[2], "cy": matrix[5]}  # fmt: skip
     labels = {"name": name, "frame_id": frame}
