@@ -454,7 +454,7 @@ class Datasets:
             with self._changing(name, None) as head:
                 head.clear()
             self.put(name, files)
-            self.snapshot(name, "comes with the product")
+            self.snapshot(name, "comes with RTASK")
 
     @contextmanager
     def _changing(self, name: str, access: Access | None) -> Iterator[dict[str, Entry]]:
