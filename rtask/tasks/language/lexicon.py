@@ -101,6 +101,7 @@ _CONTRACTED = (
     (r"\b(it|that|there|what|whatever|who|where)['’]s\b", r"\1 is"),
 )  # fmt: skip
 _SPELT = (
+    (r"\b(\d+)\s?x\s+(?=[a-z])", r"\1 "),
     (r"(?<=\s)[:;]-?[)D(P](?=\s|$)", ""), (r"\s+[-–—]+\s+", " , "),
     (r"\b(?:the\s+)?(\w+(?:[ -]\w+)?)['’]s contents\b", r"the contents of the \1"),
     (r"->|=>|→", " : "), (r"(\d)\s*%", r"\1 percent"),

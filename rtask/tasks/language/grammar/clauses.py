@@ -74,6 +74,17 @@ class Clauses(Removals):
                 yield from self.items.ends(end, ":|,|.?")
 
     def _clause(self, at: int) -> Iterator[tuple[Clause, int]]:
+        yield from self._plain_clause(at)
+        if self.items.word(at - 1) not in ("", ".", ";", "!", "?"):
+            return  # what is left out behind a comma is of the clause before
+        for start in courtesies(self.items, at):  # "apart from the jug, put everything ..."
+            for left_out, end in self.phrases.exceptions(start, (EVERYTHING,)):
+                for begin in self.items.ends(end, ",?"):
+                    for clause, after in self._plain_clause(begin):
+                        if all(_can_stay(deed.phrase) for deed in clause.deeds):
+                            yield _without(clause, left_out), after
+
+    def _plain_clause(self, at: int) -> Iterator[tuple[Clause, int]]:
         for start in requests(self.items, at):
             yield from self._commanded(start)
         for start in wishes(self.items, at):
@@ -257,6 +268,9 @@ class Clauses(Removals):
         for start in self.items.ends(at, "there BE"):
             yield from self._there(start)
         for place, end in self.phrases.places(at):
+            for start in self.items.ends(end, "contains|holds|has nothing but|except"):
+                for left_out, last in self.phrases.lists(start):
+                    yield away_from((replace(EVERYTHING, left_out=left_out),), place), last
             for last in self.items.ends(end, "MUST|BE? be? EMPTY"):
                 yield away_from((EVERYTHING,), place), last
                 yield from self.rid(place, last)
@@ -306,9 +320,10 @@ class Clauses(Removals):
             yield from self._containing(place, end)
         for start in items.ends(at, "can|could"):  # "could the cups go into the box?"
             for phrases, end in self.phrases.lists(start):
-                for begin in items.ends(end, "be PLACED|go"):
+                for begin in items.ends(end, "POLITE* be POLITE? PLACED|go"):
                     yield from self._other_than(phrases, begin)
-                for begin in (*items.ends(end, "go"), *items.ends(end, "be PLACED")):
+                for begin in (*items.ends(end, "POLITE* go"),
+                              *items.ends(end, "POLITE* be POLITE? PLACED")):  # fmt: skip
                     for place, after in self.placed(begin):
                         yield clause_of("put", phrases, place), after
         for start in items.ends(at, "there MUST not be any?"):
@@ -326,6 +341,9 @@ class Clauses(Removals):
 
     def _containing(self, place: Place, at: int) -> Iterator[tuple[Clause, int]]:
         """Yield "(the table should) be empty", "be free of cans", "hold all cups"."""
+        for start in self.items.ends(at, "is for"):  # "the left box is for cups"
+            for phrases, after in self.phrases.lists(start):
+                yield clause_of("put", phrases, place), after
         for start in self._duty(at):
             for end in self.items.ends(start, "be EMPTY"):
                 yield away_from((EVERYTHING,), place), end
@@ -343,7 +361,8 @@ class Clauses(Removals):
     def _duty(self, at: int) -> Iterator[int]:
         """Yield the words after what says that something is to be."""
         for pattern in ("MUST", "have|has|need|needs|ought to", "is|are to", "belong|belongs",
-                        "go|goes", "live|lives", "need|needs|want|wants moving|putting|placing",
+                        "go|goes", "live|lives", "would",
+                        "need|needs|want|wants moving|putting|placing",
                         "is|are going", "is|are supposed|meant|due to"):  # fmt: skip
             yield from self.items.ends(at, pattern)
 
@@ -357,7 +376,8 @@ class Clauses(Removals):
                 for end in items.ends(start, tail):
                     if all(_can_stay(phrase) for phrase in phrases):
                         yield clause_of("stay", phrases), end
-        for start in (*items.ends(at, "be|go|STAY? PLACED?"), *items.ends(at, "end|ends up"),
+        for start in (*items.ends(at, "be|go|get|STAY? POLITE? PLACED?"),
+                      *items.ends(at, "end|ends up"), *items.ends(at, "be better off|suited"),
                       *items.ends(at, "both|all|each be PLACED?")):  # fmt: skip
             yield from self._other_than(phrases, start)
             for place, end in self.placed(start):
@@ -403,6 +423,15 @@ class Clauses(Removals):
                 yield from self._there_at(phrase, start)
             for start in self.items.ends(end, "rests|stays|remains"):
                 yield from self._there_at(phrase, start)
+
+
+def _without(clause: Clause, left_out: tuple[Phrase, ...]) -> Clause:
+    """Return a clause of whose things some are left out."""
+    deeds = (
+        replace(deed, phrase=replace(deed.phrase, left_out=(*deed.phrase.left_out, *left_out)))
+        for deed in clause.deeds
+    )
+    return replace(clause, deeds=tuple(deeds))
 
 
 def _can_stay(phrase: Phrase) -> bool:

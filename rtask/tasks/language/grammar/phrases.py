@@ -291,7 +291,7 @@ class Phrases(Superlatives):
         ends = self.items.ends
         matches: list[tuple[Phrase, int]] = []
         everything = Phrase(is_generic=True, is_plural=True, quantity=_ALL)
-        for pattern in ("everything", "the? contents of"):
+        for pattern in ("everything", "the? contents of", "DET whole? lot", "any and all things"):
             for end in ends(at, pattern):
                 matches += [(everything, end), *self._useful(everything, end)]
         # "all" is everything, or all that was named just before.
@@ -306,6 +306,8 @@ class Phrases(Superlatives):
             matches += [(single, end), *self._useful(single, end)]
         for end in ends(at, "nothing"):
             matches.append((Phrase(is_generic=True, is_plural=True, quantity=Quantity("no")), end))
+        matches += [(described, after) for core, end in matches if core.is_generic
+                    for described, after in self._quality(core, end, is_not=False)]  # fmt: skip
         for core, end in matches:
             if self.items.word(end - 1) == "of":
                 yield from (_Read(core, replace(core, places=((place, False),)), after, False)

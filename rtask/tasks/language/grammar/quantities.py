@@ -35,8 +35,11 @@ class Quantities:
                 yield Phrase(quantity=Quantity("definite", number)), after
         for end in ends(at, "all|every|each|both of?"):
             yield Phrase(quantity=_ALL), end
+            yield from ((Phrase(quantity=_ALL), last) for last in ends(end, "single|last"))
             for after in ends(end, "DET"):
                 yield Phrase(quantity=_ALL), after
+        for end in ends(at, "each|any and every|all"):
+            yield Phrase(quantity=_ALL), end
         for end in ends(at, "all the?"):
             for number, after in self.numbers(end):
                 yield Phrase(quantity=Quantity("definite", number)), after

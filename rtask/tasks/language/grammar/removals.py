@@ -22,7 +22,7 @@ class Removals(Conditions):
     def cleared(self, at: int) -> Iterator[tuple[Clause, int]]:
         """Yield "(clear) the table of pens except the red one"."""
         items = self.items
-        for start in (at, *items.ends(at, "up|out")):
+        for start in (at, *items.ends(at, "up|out|off|away")):
             for place, end in self.phrases.places(start):
                 for last in (end, *items.ends(end, "up|out|off|completely")):
                     yield away_from((EVERYTHING,), place), last
@@ -41,10 +41,11 @@ class Removals(Conditions):
                     for start in items.ends(last, "INTO"):
                         for target, after in self.phrases.places(start):
                             yield clause_of("put", phrases, target), after
-        for phrases, end in self.phrases.lists(at):  # "clear the cups from the table"
-            for begin in items.ends(end, "from|off"):
-                for place, after in self.phrases.places(begin):
-                    yield from self._away_but(phrases, place, after)
+        for first in (at, *items.ends(at, "away|out")):  # "clear the cups from the table"
+            for phrases, end in self.phrases.lists(first):
+                for begin in (*items.ends(end, "from|off"), *items.ends(end, "out of")):
+                    for place, after in self.phrases.places(begin):
+                        yield from self._away_but(phrases, place, after)
 
     def rid(self, place: Place, at: int) -> Iterator[tuple[Clause, int]]:
         """Yield "(clear the table) of pens"."""

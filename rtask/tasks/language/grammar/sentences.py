@@ -124,6 +124,7 @@ class _Program:
     ) -> Iterator[tuple[Units, int]]:
         yield from self._conditional(at, conditions)
         yield from self._in_order(at, conditions)
+        yield from self._told(at, conditions)
         for clause, end in self.clauses.clauses(at):
             unit = Unit(clause, clause.order == "then", conditions)
             yield (unit,), end
@@ -143,6 +144,33 @@ class _Program:
                     topic = Clause((Deed("put", phrase),), is_open=True)
                     for clause, after in self.clauses.clauses(end + 1):
                         yield (Unit(topic), Unit(clause, False, conditions)), after
+
+    def _told(
+        self, at: int, conditions: tuple[tuple[Condition, bool], ...]
+    ) -> Iterator[tuple[Units, int]]:
+        """Yield "there is a can on the table: put it ...": what is told says only which is meant.
+
+        If nothing is so, nothing fits, and the goal is refused.
+        """
+        for phrase, end in self._facts(at):
+            topic = Unit(Clause((Deed("put", phrase),), is_open=True))
+            for begin in self.items.ends(end, ",|;|:|.? and|so?"):
+                for clause, after in self.clauses.clauses(begin) if begin > end else ():
+                    words = [deed.phrase.anaphor for deed in clause.deeds]
+                    if len(words) == 1 and words[0] not in ("", "all"):
+                        yield (topic, Unit(clause, False, conditions)), after
+
+    def _facts(self, at: int) -> Iterator[tuple[Phrase, int]]:
+        """Yield things of which it is told where they are."""
+        phrases, ends = self.clauses.phrases, self.items.ends
+        for start in ends(at, "there is|are"):
+            yield from ((p, end) for p, end in phrases.phrases(start) if p.places)
+        for start in ends(at, "somebody|someone|I|we have? left"):
+            yield from ((p, end) for p, end in phrases.phrases(start) if p.places)
+        for phrase, end in phrases.phrases(at):
+            for start in ends(end, "is|are currently|now|still? LIE?"):
+                for place, after in phrases.at_places(start, "AT"):
+                    yield replace(phrase, places=(*phrase.places, (place, False))), after
 
     def _conditional(
         self, at: int, conditions: tuple[tuple[Condition, bool], ...]
