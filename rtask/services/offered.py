@@ -45,7 +45,7 @@ def open_host(engine: Engine | None = None, sources: Iterable[str] = ()) -> Serv
     --------
     >>> with open_host() as host:
     ...     host.registry.find("rtask/Segmentation").exact
-    'rtask/Segmentation@1.2.0'
+    'rtask/Segmentation@1.3.0'
     """
     kb = None if engine is None else engine.kb
     folder = None if kb is None else kb.folder

@@ -161,7 +161,7 @@ class Segmentation(Service):
     """Views of tables cut into objects."""
 
     name = "rtask/Segmentation"
-    version = "1.2.0"
+    version = "1.3.0"
     extra = "perception"
 
     @startup

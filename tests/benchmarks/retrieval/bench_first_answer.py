@@ -264,6 +264,7 @@ def main() -> None:
                 command = [sys.executable, __file__, "--ask", structure, name]
                 done = subprocess.run(command, capture_output=True, text=True, check=True)
                 found[structure].append(json.loads(done.stdout.splitlines()[-1]))
+                report(f"  {structure}", found[structure][-1:])  # a run may be cut short
         for structure, rounds in found.items():
             report(structure, rounds)
 
