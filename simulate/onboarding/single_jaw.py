@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 from simulate.motion.collision import link_poses
 from simulate.onboarding.closing import link_cloud, points_of
 from simulate.robots.description import Floats, Joint, RobotDescription
+from simulate.robots.jaw_shapes import is_coarse, shape_surface
 from simulate.robots.mesh_cover import shape_points
 
 __all__ = ["SingleJaw", "single_jaw"]
@@ -208,11 +209,15 @@ def _lean(points: Floats, approach: Floats, closing: Floats) -> float | None:
 def _filled(robot: RobotDescription, link: str, wrist_from_link: Floats | None = None) -> Floats:
     """Return points (n, 3) m on the shapes of a link, also between the corners of a plain one.
 
-    Of a bar that begins at the palm, corners alone would show the far end only.
+    Of a bar that begins at the palm, corners alone would show the far end only; a convex part of a
+    few triangles is such a bar, too.
     """
     clouds = [link_cloud(robot, link)]
     for shape in robot.link(link).shapes:
-        if shape.kind != "mesh":
+        if shape.kind == "mesh":
+            if is_coarse(shape):
+                clouds.append(shape_surface(shape))
+        else:
             corners = shape_points(shape)
             shares = np.linspace(0.0, 1.0, _BETWEEN)[:, None, None]
             clouds.append((corners + shares * (corners[:, None] - corners)[:, None]).reshape(-1, 3))

@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from simulate.robots.description import Arm, Floats, Joint, Pose, RobotDescription, Shape
+from simulate.robots.mesh_cover import read_vertices
 from simulate.robots.mesh_files import load_mesh
 
-__all__ = ["with_open_mouths"]
+__all__ = ["is_coarse", "shape_surface", "with_open_mouths"]
 
 _SLICE_M = 0.01
 _APART_M = 0.012
@@ -25,6 +26,7 @@ _APART_M = 0.012
 _EDGE_M = 0.006
 _SAME_M = 0.003
 _THIN_M = 0.002
+_FEW_VERTICES = 200
 
 
 def with_open_mouths(robot: RobotDescription) -> RobotDescription:
@@ -68,9 +70,7 @@ def _boxed(robot: RobotDescription, name: str, axes: Floats) -> RobotDescription
 
 def _boxes(shape: Shape, axes: Floats) -> Iterator[Shape]:
     """Yield boxes along the axes (3, 3) around the slices of a mesh."""
-    pose = shape.pose.matrix
-    points = _surface(shape.path, shape.size) @ pose[:3, :3].T + pose[:3, 3]
-    local = points @ axes
+    local = shape_surface(shape) @ axes
     low, high = float(local[:, 2].min()), float(local[:, 2].max())
     count = max(round((high - low) / _SLICE_M), 1)
     edges = np.linspace(low, high, count + 1)
@@ -90,6 +90,17 @@ def _boxes(shape: Shape, axes: Floats) -> Iterator[Shape]:
         yield from (_box(*ends, axes) for ends in waiting)
         waiting = parts
     yield from (_box(*ends, axes) for ends in waiting)
+
+
+def shape_surface(shape: Shape) -> Floats:
+    """Return points (n, 3) m on the surface of a mesh, 6 mm apart at most, in its link's frame."""
+    pose = shape.pose.matrix
+    return np.asarray(_surface(shape.path, shape.size) @ pose[:3, :3].T + pose[:3, 3])
+
+
+def is_coarse(shape: Shape) -> bool:
+    """Tell whether a mesh has so few vertices that they do not show where its surface is."""
+    return len(read_vertices(shape.path)) < _FEW_VERTICES
 
 
 def _parts(points: Floats) -> list[Floats]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from rtask.errors import RobotError
 from simulate.onboarding.guess import NoHandError, guess_robot
@@ -315,3 +317,25 @@ def test_the_tip_of_a_finger_is_the_link_farthest_from_its_own_root(tmp_path):
         built.joint(middle, lower, "0 0 -0.16", axis, 0.0, 1.6)
     [hand] = found(tmp_path, built)
     assert {joint.child.split("_")[1] for joint in hand.fingers} >= {"middle", "lower"}
+
+
+def test_a_jaw_of_a_few_triangles_points_where_one_of_boxes_does(tmp_path):
+    """Convex parts have vertices at their ends alone, which do not show where a jaw points."""
+    built = turning_jaw("a4")
+    # A hinge aside of both jaws, so that the way to their middles is not where they point.
+    built.parts = [
+        part.replace("0 0.012 0.055", "0 0.032 0.055").replace("0 0.003 0.0425", "0 -0.017 0.0425")
+        for part in built.parts
+    ]
+    (of_boxes,) = found(tmp_path, built, "boxes")
+    sizes = {size for part in built.parts for size in re.findall(r'<box size="([^"]*)"/>', part)}
+    for number, size in enumerate(sorted(sizes)):
+        mesh = trimesh.creation.box([float(side) for side in size.split()])
+        mesh.export(tmp_path / f"{number}.stl")
+        built.parts = [
+            part.replace(f'<box size="{size}"/>', f'<mesh filename="{number}.stl"/>')
+            for part in built.parts
+        ]
+    (of_meshes,) = found(tmp_path, built, "meshes")
+    assert np.dot(of_meshes.approach, of_boxes.approach) > np.cos(0.02)
+    assert np.dot(of_meshes.closing, of_boxes.closing) > np.cos(0.02)
