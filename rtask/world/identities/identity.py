@@ -53,6 +53,9 @@ class Candidate:
         Whether a robot lost it from its hand, and nobody has seen it since.
     is_in_place
         Whether one is seen on or in the place where this one was put, at an unknown spot there.
+    is_beyond_reach
+        Whether it slipped, and from farther away than it can have fallen: an unseen hand would have
+        to have brought it here since.
     """
 
     exemplar: str
@@ -64,6 +67,7 @@ class Candidate:
     age_s: float = 0.0
     has_slipped: bool = False
     is_in_place: bool = False
+    is_beyond_reach: bool = False
 
 
 @dataclass(frozen=True)
@@ -122,7 +126,7 @@ def identify(
     if held:
         return Identity(held[0], _shares(held[1:], len(held)), is_followed=len(held) == 1)
     lost = sorted(
-        (c for c in candidates if not c.is_current and c.is_reachable),
+        (c for c in candidates if not c.is_current and c.is_reachable and not c.is_beyond_reach),
         key=lambda c: (
             not c.has_slipped, c.distance_m is None, c.distance_m or 0.0, c.age_s, c.exemplar,
         ),
@@ -134,7 +138,10 @@ def identify(
         ]
         return Identity(lost[0].exemplar, tuple(shares[1:]))
     moved = {
-        candidate.exemplar: 1.0 - candidate.spread.still_there
+        candidate.exemplar: (
+            # What slipped lies where it fell until it is found; more is not known of it.
+            _TURNS_UP if candidate.is_beyond_reach else 1.0 - candidate.spread.still_there
+        )
         for candidate in candidates
         if candidate.is_reachable and candidate.age_s > _SAME_LOOK_S
     }

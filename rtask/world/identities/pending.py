@@ -19,6 +19,9 @@ __all__ = ["MOVED_RAD", "PendingWorld"]
 MOVED_RAD = float(np.deg2rad(15.0))
 """Angle from which a thing has turned, rad."""
 _NOWHERE = Spread(0.0, 0.0, 1.0)
+_SLIPS_WITHIN_M = 2.0
+"""Distance within which a thing slips: an arm may take it at one end of its reach, and lose it at
+the other, some 1 m on each side."""
 
 
 @dataclass
@@ -67,6 +70,7 @@ class PendingWorld:
             before = self._pose_before(last) if is_in_place is None else None
             if before is not None:
                 there = self.world.pose_in(before, seen.frame, seen.time_s)
+        has_slipped = last.relation == "held_by" and not is_current
         is_own = last.place.startswith(f"{seen.robot}/") or last.place in seen.hands
         return Candidate(
             exemplar,
@@ -76,9 +80,22 @@ class PendingWorld:
             is_current and last.place in seen.hands,
             there is not None or is_own or self._was_in_reach(last, seen),
             abs(seen.time_s - last.confirmed),
-            last.relation == "held_by" and not is_current,
+            has_slipped,
             bool(is_in_place),
+            has_slipped and not is_own and self._is_beyond_reach(last, seen),
         )
+
+    def _is_beyond_reach(self, last: Placement, seen: Seen) -> bool:
+        """Whether one is seen farther from where a thing was taken than what slipped can have come.
+
+        Where nobody knows from where it was taken, it may be anything.
+        """
+        if self.is_made(last.subject):
+            return False
+        posed = self.world.last_with_pose(last.subject)
+        there = None if posed is None else self.world.pose_in(posed, seen.frame, seen.time_s)
+        away_m = 0.0 if there is None else _distance(there[0], seen.frame_from_exemplar)
+        return away_m > _SLIPS_WITHIN_M
 
     def place_by(self, exemplar: str, time_s: float) -> Placement | None:
         """Return the last place of a thing by a time; its first one if it was seen only later."""

@@ -248,3 +248,16 @@ def test_what_slipped_from_the_hand_of_one_robot_is_the_same_to_another_at_its_t
     lab.put(cup, "held_by", lab.hand(), 10)
     lab.lose(cup, 20)
     assert lab.see(lab.cup, 0.5, 0.3, 40, robot="nao-2") == cup
+
+
+def test_what_slipped_at_one_table_is_not_surely_the_one_that_is_seen_at_another(lab):
+    for robot, x in (("nao-1", 0.0), ("nao-2", 3.0)):
+        lab.stand(lab.frame(robot), lab.map, x, 0.0, -100)
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.put(cup, "held_by", lab.hand(), 10)
+    lab.lose(cup, 20)
+    other = lab.see(lab.cup, 0.5, 0.3, 40, robot="nao-2")
+    assert other != cup
+    ((name, chance),) = lab.kb.world.doubts(other)
+    assert (name, chance) == (cup, pytest.approx(0.25 / 0.35))
+    assert lab.see(lab.cup, 0.5, 0.3, 60) == cup, "it lies where it fell"
