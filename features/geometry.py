@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "Float64Array",
@@ -20,6 +20,7 @@ __all__ = [
     "finite_depth",
     "look_at",
     "points_from_depth",
+    "pose_matrix",
     "transform",
 ]
 
@@ -138,6 +139,13 @@ def look_at(eye: FloatArray, target: FloatArray) -> NDArray[np.float64]:
     pose = np.eye(4)
     pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(forward, right), forward
     pose[:3, 3] = eye
+    return pose
+
+
+def pose_matrix(rotation: ArrayLike, position: ArrayLike) -> Float64Array:
+    """Return the (4, 4) matrix of a rotation (3, 3) and a position (3,), m."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
     return pose
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from features.geometry import Float64Array, Intrinsics, finite_depth
+from features.geometry import Float64Array, Intrinsics, finite_depth, pose_matrix
 from features.imaging.camera import Lens, undistorted
 
 __all__ = ["Board", "EstimatedLens", "EstimatedPlace", "estimate_lens", "estimate_place"]
@@ -224,10 +224,10 @@ def _fit_lens(corners: dict[int, Float64Array], board: Board, shape: tuple[int, 
 
 
 def _pose(turn: NDArray[Any], shift: NDArray[Any]) -> Float64Array:
-    pose = np.eye(4)
-    pose[:3, :3] = np.asarray(cv2.Rodrigues(np.asarray(turn, np.float64))[0])
-    pose[:3, 3] = np.asarray(shift, np.float64).ravel()
-    return pose
+    return pose_matrix(
+        np.asarray(cv2.Rodrigues(np.asarray(turn, np.float64))[0]),
+        np.asarray(shift, np.float64).ravel(),
+    )
 
 
 def estimate_place(
@@ -326,9 +326,7 @@ def _fit_place(
 
     first = np.concatenate([Rotation.from_matrix(start[:3, :3]).as_rotvec(), start[:3, 3], [1.0]])
     fitted = least_squares(off, first, loss="soft_l1", f_scale=0.005, x_scale="jac")
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_rotvec(fitted.x[:3]).as_matrix()
-    pose[:3, 3] = fitted.x[3:6]
+    pose = pose_matrix(Rotation.from_rotvec(fitted.x[:3]).as_matrix(), fitted.x[3:6])
     left = off(fitted.x)
     residual_m = float(np.sqrt(np.mean(left**2)))
     # Points of one board share what its pose and the sensor's bias leave over: a view counts once.

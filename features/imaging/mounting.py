@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from features.geometry import Float64Array
+from features.geometry import Float64Array, pose_matrix
 
 __all__ = ["Mounting"]
 
@@ -41,9 +41,7 @@ class Mounting:
         """
         if not np.isfinite([*place_m, *quaternion]).all() or not np.any(quaternion):
             return
-        pose = np.eye(4)
-        pose[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
-        pose[:3, 3] = place_m
+        pose = pose_matrix(Rotation.from_quat(quaternion).as_matrix(), place_m)
         parent, child = parent.lstrip("/"), child.lstrip("/")
         self._beside.setdefault(parent, {})[child] = pose
         self._beside.setdefault(child, {})[parent] = np.asarray(np.linalg.inv(pose), np.float64)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import rq
 
 from features.codec.types import Cloud
-from features.geometry import Float64Array, FloatArray, Intrinsics, transform
+from features.geometry import Float64Array, FloatArray, Intrinsics, pose_matrix, transform
 from features.imaging.camera import camera_of_grid
 from features.imaging.doubts import doubtful_frame, implausible_middle
 
@@ -252,9 +252,7 @@ def _pinhole_of_grid(points: FloatArray) -> _Pinhole | None:
     )
     if not is_camera:
         return None
-    pose = np.eye(4)
-    pose[:3, :3] = turn.T
-    pose[:3, 3] = -np.linalg.solve(projection[:, :3], projection[:, 3])
+    pose = pose_matrix(turn.T, -np.linalg.solve(projection[:, :3], projection[:, 3]))
     camera = Intrinsics(width, height, fx, fy, float(matrix[0, 2]), float(matrix[1, 2]))
     return _Pinhole(camera, pose, bool(np.linalg.det(turn) < 0))
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from features.geometry import FloatArray, UInt8Array
+from features.geometry import FloatArray, UInt8Array, pose_matrix
 from features.pose.nearest import nearest_grid
 from features.pose.symmetry import find_symmetries
 
@@ -80,9 +80,7 @@ class PoseModel:
         self, rotation: NDArray[np.float64], translation: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return the pose (4, 4) of the object's own frame from that of the centred one."""
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = rotation, translation - rotation @ self.centre
-        return pose
+        return pose_matrix(rotation, translation - rotation @ self.centre)
 
     def to_bytes(self) -> bytes:
         """Return an ``.npz``."""

@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from features.geometry import pose_matrix
 from simulate.grasping.judgement import HeightMap
 from simulate.grasping.rules import GraspRequest, PlannedGrasp
 from simulate.motion.arm_space import ALLOWED, SPEED, ArmSpace
@@ -215,7 +216,7 @@ def plan_place(
     slack = loaded.slack(around, _CARRYING)
     rng = np.random.default_rng((plan.seed, _PURPOSE))
     tool, _ = chain.tool_poses(start[None])
-    base_from_tool = _pose(*(part[0] for part in chain.tool_poses(start[None])))
+    base_from_tool = pose_matrix(*(part[0] for part in chain.tool_poses(start[None])))
     hangs = upright_load.bottom(base_from_tool) - load.bottom(base_from_tool)
     tool_over_bottom = request.table_height + plan.tool_height - request.base_height + hangs
     upright = tool[0, 2]
@@ -279,7 +280,7 @@ class _Hold:
 
     def with_placed(self, posture: Floats) -> Surroundings:
         """Return what stands around, and the object where it is let go in a posture."""
-        base_from_load = _pose(*(part[0] for part in self.chain.tool_poses(posture[None])))
+        base_from_load = pose_matrix(*(part[0] for part in self.chain.tool_poses(posture[None])))
         base_from_load = base_from_load @ self.load.tool_from_load
         at, rotation = base_from_load[:3, 3], base_from_load[:3, :3]
         return self.around.with_obstacles([Obstacle("placed", at, self.load.size / 2, rotation)])
@@ -469,8 +470,8 @@ def held_load(plan: PlannedGrasp, chain: Chain) -> Load:
         footprint = (request.width, max(request.length, request.width))
         seen = _standing(request, request.x, request.y, request.theta, footprint)
     rotation, position = chain.tool_poses(plan.posture[None])
-    base_from_tool = _pose(rotation[0], position[0])
-    return Load.of(base_from_tool, _pose(seen.rotation, seen.centre), 2 * seen.half)
+    base_from_tool = pose_matrix(rotation[0], position[0])
+    return Load.of(base_from_tool, pose_matrix(seen.rotation, seen.centre), 2 * seen.half)
 
 
 def _standing(
@@ -478,9 +479,3 @@ def _standing(
 ) -> Obstacle:
     middle = (x, y, request.base_height + request.height / 2)
     return Obstacle.box("load", middle, (*footprint, request.height), yaw)
-
-
-def _pose(rotation: Floats, position: Floats) -> Floats:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, position
-    return pose

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from features.geometry import pose_matrix
 from grasp.spatial.suction_cup import SuctionCup
 from grasp.spatial.three_finger.hand import ThreeFingerHand
 from rtask.errors import RobotError
@@ -62,10 +63,7 @@ def rotation_from_rpy(rpy: Vector) -> Floats:
 
 def transform_from(xyz: Vector, rpy: Vector = (0, 0, 0)) -> Floats:
     """Return the (4, 4) ``parent_from_child`` of an origin in m and rpy in rad."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation_from_rpy(rpy)
-    matrix[:3, 3] = xyz
-    return matrix
+    return pose_matrix(rotation_from_rpy(rpy), xyz)
 
 
 @dataclass(frozen=True)

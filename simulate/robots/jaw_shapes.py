@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from features.geometry import pose_matrix
 from simulate.robots.description import Arm, Floats, Joint, Pose, RobotDescription, Shape
 from simulate.robots.mesh_cover import read_vertices
 from simulate.robots.mesh_files import load_mesh
@@ -124,8 +125,7 @@ def _alike(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> bool:
 
 
 def _box(low: Floats, high: Floats, axes: Floats) -> Shape:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = axes, axes @ ((low + high) / 2)
+    matrix = pose_matrix(axes, axes @ ((low + high) / 2))
     x, y, z = (float(side) for side in np.maximum(high - low, _THIN_M))
     return Shape("box", (x, y, z), Pose.of(matrix))
 

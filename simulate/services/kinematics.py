@@ -11,6 +11,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
+from features.geometry import pose_matrix
 from rtask.errors import RobotError, ServiceError, nearest
 from rtask.scratch import ScratchFolder
 from rtask.services import Service, data_resource, method, startup
@@ -27,7 +28,6 @@ __all__ = [
     "is_body",
     "link_ends",
     "link_lines",
-    "pose_matrix",
     "read_chains",
 ]
 
@@ -294,13 +294,6 @@ def _path(robot: ReadRobot, tip: str) -> list[Joint]:
         path.append(above[link])
         link = above[link].parent
     return path[::-1]
-
-
-def pose_matrix(rotation: Floats, position: Floats) -> Floats:
-    """Return the (4, 4) matrix of a rotation (3, 3) and a position (3,), m."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, position
-    return pose
 
 
 def _errors(chain: Chain, q: Floats, pose: Floats) -> tuple[Floats, Floats]:

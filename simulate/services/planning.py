@@ -15,6 +15,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
+from features.geometry import pose_matrix
 from rtask.errors import ServiceError
 from rtask.services import Call, Service, data_resource, method, startup
 from rtask.wire.message import Answer
@@ -39,7 +40,6 @@ from simulate.services.kinematics import (
     is_body,
     link_ends,
     link_lines,
-    pose_matrix,
     read_chains,
 )
 

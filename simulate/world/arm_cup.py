@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from features.geometry import pose_matrix
 from simulate.robots.description import Arm, Floats
 from simulate.robots.other_hands import STAND_OFF_M
 from simulate.world.vacuum import Vacuum
@@ -69,15 +70,13 @@ class ArmCup:
     def _lip(self) -> Floats:
         client = self._world.client
         state = client.getLinkState(self._body, self._wrist, computeForwardKinematics=True)
-        pose = np.eye(4)
-        pose[:3, :3] = np.reshape(client.getMatrixFromQuaternion(state[5]), (3, 3))
-        pose[:3, 3] = state[4]
+        pose = pose_matrix(np.reshape(client.getMatrixFromQuaternion(state[5]), (3, 3)), state[4])
         return np.asarray(pose @ self._wrist_from_lip)
 
 
 def _wrist_from_lip(arm: Arm) -> Floats:
     approach, closing = np.array(arm.approach), np.array(arm.closing)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([closing, np.cross(approach, closing), approach], axis=1)
-    pose[:3, 3] = np.array(arm.tcp) - STAND_OFF_M * approach
-    return pose
+    return pose_matrix(
+        np.stack([closing, np.cross(approach, closing), approach], axis=1),
+        np.array(arm.tcp) - STAND_OFF_M * approach,
+    )

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from features.geometry import Intrinsics
+from features.geometry import Intrinsics, pose_matrix
 from rtask.errors import RobotError
 from simulate.motion.collision import link_poses
 from simulate.motion.kinematics import Chain
@@ -353,9 +353,7 @@ class RobotBody:
     def tool_pose(self, arm: str) -> Floats:
         """Return ``base_from_tool`` (4, 4) of an arm's hand at the measured joints."""
         rotation, position = self.chains[self.arm(arm).name].tool_poses(self.arm_joints(arm)[None])
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = rotation[0], position[0]
-        return pose
+        return pose_matrix(rotation[0], position[0])
 
     def set_head(self, q: Floats) -> None:
         """Set the joints below the camera to q rad at once, and hold them."""

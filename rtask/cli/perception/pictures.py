@@ -197,6 +197,7 @@ def _with_pose(
     """Draw the posed model; without one the box of the stored view's points, carried over."""
     import numpy as np
 
+    from features.geometry import pose_matrix
     from features.pictures import draw_box, draw_model
     from rtask.rdf.terms import iri
 
@@ -216,8 +217,7 @@ def _with_pose(
     _, _, axes = np.linalg.svd((points - middle)[:: max(len(points) // 2000, 1)])
     axes[2] = np.cross(axes[0], axes[1])
     low, high = np.percentile((points - middle) @ axes.T, [2, 98], axis=0)
-    box = np.eye(4)
-    box[:3, :3], box[:3, 3] = axes.T, middle + (low + high) / 2 @ axes
+    box = pose_matrix(axes.T, middle + (low + high) / 2 @ axes)
     return draw_box(
         overlay,
         frame.intrinsics,

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from features.geometry import pose_matrix
 from grasp.spatial.suction_cup import SuctionCup
 from simulate.grasping.floating.execution import Conditions, Held, carry_out, misplaced_weight
 from simulate.grasping.floating.hand import APPROACH_M, HAND, FloatingHand
@@ -47,10 +48,9 @@ class FloatingCup(FloatingHand):
     def _pose(self) -> Floats:
         """Return the pose (4, 4) of the lip."""
         state = self.world.client.getLinkState(self.body, HAND, computeForwardKinematics=True)
-        pose = np.eye(4)
-        pose[:3, :3] = np.reshape(self.world.client.getMatrixFromQuaternion(state[5]), (3, 3))
-        pose[:3, 3] = state[4]
-        return pose
+        return pose_matrix(
+            np.reshape(self.world.client.getMatrixFromQuaternion(state[5]), (3, 3)), state[4]
+        )
 
     def close(self, body: int) -> None:
         """Move on or back until the lip touches, and switch the vacuum on."""

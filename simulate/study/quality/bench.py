@@ -6,8 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-import numpy as np
-
+from features.geometry import pose_matrix
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.gripper import ParallelGripper
@@ -87,9 +86,7 @@ class Bench:
     @property
     def world_from_object(self) -> Floats:
         """Pose of the object (4, 4)."""
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = self.rest.rotation, self.rest.position
-        return pose
+        return pose_matrix(self.rest.rotation, self.rest.position)
 
     @property
     def around(self) -> Surroundings:

@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 import trimesh
 
+from features.geometry import pose_matrix
 from grasp.arrays import IntArray
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.gripper import ParallelGripper
@@ -94,8 +95,7 @@ def _free_roll(
     corners = np.array([c for box in boxes for c in product(*box.T)])
     for angle in sorted(2 * np.pi * np.arange(_ROLLS) / _ROLLS, key=lambda a: -np.cos(a)):
         z = np.cos(angle) * down + np.sin(angle) * np.cross(x, down)
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = np.stack([x, np.cross(z, x), z], axis=1), at
+        pose = pose_matrix(np.stack([x, np.cross(z, x), z], axis=1), at)
         lack = table + _TABLE_M - at[2] - float((corners @ pose[2, :3]).min())
         if lack > 0:
             if -z[2] < 0.5 or lack > (gripper.fingertip - 0.002) * -z[2]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from features.geometry import Frame, Intrinsics, look_at
+from features.geometry import Frame, Intrinsics, look_at, pose_matrix
 from features.pose import (
     PoseEstimate,
     PoseModel,
@@ -82,9 +82,7 @@ class _Lying:
     @property
     def world_from_object(self) -> Matrix:
         """True pose on the table."""
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = self.rest.rotation, self.rest.position
-        return pose
+        return pose_matrix(self.rest.rotation, self.rest.position)
 
     def estimate(self, model: PoseModel, params: PoseParams | None = None) -> PoseEstimate | None:
         """Estimate its pose; None where it was not segmented."""
