@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,11 @@ from urllib.parse import unquote
 from rtask.errors import RobotError
 from rtask.ros_packages import in_packages, workspace_folders
 
-__all__ = ["find_mesh", "load_mesh"]
+__all__ = ["engine_mesh", "find_mesh", "load_mesh"]
+
+_OF_ENGINE = (".obj", ".dae")
+_STL_HEAD, _STL_FACE = 84, 50
+"""Bytes of a binary STL before its triangles, the last four their number, and of each."""
 
 
 def find_mesh(urdf: Path, name: str, within: Path | None = None) -> Path | None:
@@ -79,6 +84,44 @@ def load_mesh(path: Path) -> Any:
     if path.suffix.lower() == ".dae" and mesh.units:
         mesh.vertices = mesh.vertices * _metres(mesh.units)
     return mesh
+
+
+def engine_mesh(path: Path, folder: Path) -> Path:
+    """Return a mesh file that the physics engine reads: the same one, or its STL in a folder.
+
+    The engine takes OBJ, Collada and binary STL. Of an STL in text it makes a shape of no size, and
+    says so nowhere; over other formats it refuses the whole robot.
+
+    Parameters
+    ----------
+    path
+        Of a mesh file that :func:`load_mesh` reads.
+    folder
+        In which a converted one is written, named after its path.
+
+    Raises
+    ------
+    RobotError
+        As :func:`load_mesh`.
+    """
+    suffix = path.suffix.lower()
+    if suffix in _OF_ENGINE or (suffix == ".stl" and _is_binary_stl(path)):
+        return path
+    made = folder / f"{hashlib.sha256(str(path).encode()).hexdigest()[:16]}.stl"
+    if not made.exists():
+        load_mesh(path).export(made, file_type="stl")
+    return made
+
+
+def _is_binary_stl(path: Path) -> bool:
+    """Tell whether a file is as long as its number of triangles says; text never is."""
+    try:
+        with path.open("rb") as file:
+            head, size = file.read(_STL_HEAD), path.stat().st_size
+    except OSError:
+        return True  # not there: whoever opens it says so
+    faces = int.from_bytes(head[-4:], "little") if len(head) == _STL_HEAD else -1
+    return size == _STL_HEAD + _STL_FACE * faces
 
 
 def _metres(unit: str) -> float:

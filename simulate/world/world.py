@@ -10,7 +10,8 @@ import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ import numpy as np
 from rtask.errors import RobotError, UsageError
 from rtask.scratch import ScratchFolder
 from simulate.robots.description import Floats, Pose, Range, RobotDescription, Workplace
+from simulate.robots.mesh_files import engine_mesh
 from simulate.robots.urdf import urdf_text
 from simulate.world.bodies import break_part, breakable_parts, create_object, mass_offset
 from simulate.world.objects import Assets, ObjectSpec
@@ -160,6 +162,20 @@ class PlaceBox:
             yield (edge, y, z), (wall, along, height)
         for edge in (y0 - wall / 2, y1 + wall / 2):
             yield (x, edge, z), (across, wall, height)
+
+
+def _with_engine_meshes(robot: RobotDescription, folder: Path) -> RobotDescription:
+    """Return a robot whose meshes the engine reads; others are converted into a folder."""
+    links = []
+    for link in robot.links:
+        shapes = tuple(
+            replace(shape, path=str(engine_mesh(Path(shape.path), folder)))
+            if shape.kind == "mesh"
+            else shape
+            for shape in link.shapes
+        )
+        links.append(replace(link, shapes=shapes) if shapes != link.shapes else link)
+    return replace(robot, links=tuple(links))
 
 
 class World:
@@ -315,7 +331,7 @@ class World:
         )
         with ScratchFolder("urdf") as folder:
             path = folder / f"{robot.name}.urdf"
-            path.write_text(urdf_text(robot), encoding="utf-8")
+            path.write_text(urdf_text(_with_engine_meshes(robot, folder)), encoding="utf-8")
             return int(
                 client.loadURDF(
                     str(path),

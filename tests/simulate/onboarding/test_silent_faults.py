@@ -20,6 +20,7 @@ from simulate.onboarding.commands import robot
 from simulate.robots.mesh_files import load_mesh
 from simulate.robots.robot_files import bare_robot
 from simulate.robots.urdf_reader import read_urdf
+from simulate.world.world import World
 
 LENGTHS_M = (0.1, 0.17, 0.25, 0.2, 0.1, 0.08)
 AXES = ("0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
@@ -220,6 +221,25 @@ def test_a_collada_mesh_is_as_large_as_its_unit_says(tmp_path, unit):
     finally:
         pybullet.disconnect(client)
     assert np.subtract(high, low) == pytest.approx(size, abs=0.01)
+
+
+@pytest.mark.parametrize("format", ["stl_ascii", "stl", "ply", "glb", "off", "obj"])
+def test_every_mesh_that_planning_reads_has_its_size_in_physics_too(tmp_path, format):
+    """The engine made a shape of no size of an STL in text, and refused robots with a PLY."""
+    mesh = trimesh.creation.box(FINGER_M)
+    path = tmp_path / f"pad.{format.partition('_')[0]}"
+    mesh.export(path, file_type=format)
+    text = whole_robot().replace('filename="finger.stl"', f'filename="{path.name}"')
+    read, _ = bare_robot(write(tmp_path, text), name="arm")
+    with World("fast") as world:
+        body = world.load_urdf(read, np.eye(4))
+        client = world.client
+        names = [
+            client.getJointInfo(body, k)[12].decode() for k in range(client.getNumJoints(body))
+        ]
+        low, high = client.getAABB(body, names.index("left_finger"))
+    assert np.subtract(high, low) == pytest.approx(FINGER_M, abs=0.012)
+    assert min(np.subtract(high, low)) > 0.009
 
 
 def test_faults_are_said_before_a_search_that_fails(tmp_path, monkeypatch):
