@@ -323,6 +323,11 @@ class World:
             The description.
         world_from_base : (4, 4) float
             Where the robot stands; z up.
+
+        Raises
+        ------
+        RobotError
+            A mesh cannot be read, or the engine refuses the robot.
         """
         world_from_root = Pose.of(world_from_base @ robot.base_from_root.matrix)
         client = self.client
@@ -332,15 +337,17 @@ class World:
         with ScratchFolder("urdf") as folder:
             path = folder / f"{robot.name}.urdf"
             path.write_text(urdf_text(_with_engine_meshes(robot, folder)), encoding="utf-8")
-            return int(
-                client.loadURDF(
+            try:
+                body = client.loadURDF(
                     str(path),
                     world_from_root.xyz,
                     client.getQuaternionFromEuler(world_from_root.rpy),
                     useFixedBase=True,
                     flags=flags,
                 )
-            )
+            except pybullet.error as error:
+                raise RobotError(f"{robot.name}: the physics engine refuses it: {error}") from error
+        return int(body)
 
     def spawn(
         self,
