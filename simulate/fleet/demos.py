@@ -201,6 +201,7 @@ def _robot_figures(
     """Return the figures of the last of ``shared``, which also worked without the others."""
     mine = {met["product"]: met for met in _tried(shared[-1])}
     alone = {met["product"]: met for met in _tried(apart)}
+    # What only one of the two tried says nothing about the difference between them.
     both = sorted(mine.keys() & alone.keys())
     lessons = lessons_of(shared)
     assert lessons is not None
@@ -244,6 +245,7 @@ def _mean(values: Sequence[float]) -> float | None:
 
 def _over_demos(changes: Sequence[Sequence[int]]) -> dict[str, Any]:
     """Return the mean change over products with its 95 % interval over demos."""
+    # Whole demos are drawn anew: products that share a table are not independent.
     groups = [change for change in changes if change]
     if not groups:
         return {"mean": None, "n": 0, "interval95": None}

@@ -183,6 +183,7 @@ def _play(
     fleet = _Fleet()
     for meeting in order.tolist():
         robot, i = meetings[meeting]
+        # Drawn whether it is used or not, so that every condition meets with the same luck.
         luck, claims = Luck.draw(rng, player.cap), rng.random(player.cap) < 0.5
         reports = list(_heard(fleet, robot, fleet.reports.get(i, [])))
         if condition == "unheard":
@@ -193,6 +194,7 @@ def _play(
             report = ReportedGrasp(attempt.arm, _lie(lie, attempt.held, held)) if lies else attempt
             fleet.reports.setdefault(i, []).append((robot, report))
         fleet.count[robot] = fleet.count.get(robot, 0) + len(done)
+        # What is asked is what the others lose by the lies, not the liars themselves.
         if robot >= liars and done:
             fleet.first.append((i, done[0].held))
             fleet.attempts.append(player.count(done))
@@ -230,6 +232,7 @@ def _judge(fleet: _Fleet, is_weighed: bool) -> None:
     contradicting = {robot for robot, entry in beliefs.items() if entry.contradicts}
     fleet.doubts = {robot: entry.weight if is_weighed else 1.0 for robot, entry in beliefs.items()}
     fleet.doubts |= dict.fromkeys(contradicting, 0.0)
+    # Who is not contradicted any more is named no longer; `ever` remembers that it was.
     fleet.named = {robot: fleet.named.get(robot, fleet.count[robot]) for robot in contradicting}
     for robot in contradicting:
         fleet.ever.setdefault(robot, fleet.count[robot])

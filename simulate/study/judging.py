@@ -128,6 +128,7 @@ def _put_into_box(
     off = float(rng.uniform(-_OFF_MIDDLE, _OFF_MIDDLE)) * spec.extent[0]
     request = _held_off_middle(grasp_across(body, placement), placement, off)
     tried = _attempt(body, request, number)
+    # What did not get into the box lies where the next product is to lie.
     if tried.get("truth", {}).get("placed") is not True:
         body.world.remove(laid.body)
     return tried
@@ -153,6 +154,7 @@ def judging_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     spec = _product(KINDS[number % len(KINDS)], seed, number, difficult)
     result: dict[str, Any] = {}
     for again in range(_DRAWS):
+        # The first place comes from the stream without a number: the figures of a seed stay.
         place = stream(seed, _PLACE, number, *((again,) if again else ()))
         (placement,) = arrange([spec], place, [side], workplace=describe(robot).workplace)
         result = _judged(settings, placement, number, difficult)
