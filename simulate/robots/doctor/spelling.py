@@ -28,7 +28,18 @@ _ATTRIBUTES = {
     "mesh": ("filename", "scale"),
 }
 """Of https://wiki.ros.org/urdf/XML. Makers add others of their own, which mean nothing here."""
-_ALIKE = 0.6
+_CHILDREN = {
+    "joint": ("origin", "parent", "child", "axis", "limit", "mimic", "dynamics"),
+    "link": ("inertial", "visual", "collision"),
+    "inertial": ("origin", "mass", "inertia"),
+    "visual": ("origin", "geometry", "material"),
+    "collision": ("origin", "geometry"),
+    **dict.fromkeys(("origin", "axis", "limit", "mimic", "mass", "inertia"), ()),
+}
+"""Elements that a reader looks for in others."""
+_TAGS = {tag for tags in _CHILDREN.values() for tag in tags} - {"material"}
+"""Those that mean something elsewhere than where they stand; a colour at a shape means nothing."""
+_ALIKE, _TAGS_ALIKE = 0.6, 0.75
 _ONCE = ("origin", "axis", "limit", "mimic", "parent", "child", "inertial", "mass", "inertia")
 """Elements that a link, joint, shape or inertial has once at most; readers take the first."""
 _SOFT_SHARE = 0.9
@@ -68,6 +79,7 @@ def writing_doubts(tree: ET.Element) -> Iterator[str]:
             yield f"a {owner.tag} has no name"
         for element in owner.iter():
             yield from _misspelt(where, element)
+            yield from _misplaced(where, element)
             yield from _repeated(where, element)
     for other in tree.iter("robot"):
         if other is not tree:
@@ -87,6 +99,26 @@ def _misspelt(where: str, element: ET.Element) -> Iterator[str]:
             yield (
                 f"{where} has an <{element.tag}> with {name!r} and without {meant[0]!r}: misspelt?"
             )
+
+
+def _misplaced(where: str, element: ET.Element) -> Iterator[str]:
+    """Yield a sentence for each element, or attribute, that stands where nobody looks for it."""
+    allowed = _CHILDREN.get(str(element.tag))
+    if allowed is None:
+        return
+    for name in element.attrib:
+        if name in _TAGS and name in allowed:
+            yield f"{where} has an attribute {name!r}, which URDF has as an element: passed over"
+    tags = [str(child.tag) for child in element]
+    absent = [tag for tag in allowed if tag not in tags]
+    for tag in tags:
+        if tag in allowed:
+            continue
+        meant = get_close_matches(tag.lower(), absent, 1, _TAGS_ALIKE)
+        if tag in _TAGS:
+            yield f"{where} has <{tag}> in <{element.tag}>, where URDF has none: passed over"
+        elif meant:
+            yield f"{where} has <{tag}> and no <{meant[0]}>: misspelt?"
 
 
 def _repeated(where: str, element: ET.Element) -> Iterator[str]:

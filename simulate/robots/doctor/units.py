@@ -43,6 +43,7 @@ _TIMES_OUTSIDE = 3.0
 """So many sides away from its own shape, a centre of mass is another link's, or in another unit."""
 _TINY_M = 1e-3
 """Longest side of a link that is a speck: metres read as millimetres."""
+_FLAT_M = 1e-6
 _TIMES_OTHERS = 5.0
 """So many times as long as all others of its chain, an origin is in another unit."""
 _STRONGEST, _WEAKEST, _SLOWEST = 5000.0, 1e-3, 1e-3
@@ -238,6 +239,8 @@ def _doubtful_size(link: Link, reach: float, moves: bool) -> Iterator[str]:
             f"link {link.name!r}, which does not move, is {size:.3g} m large on a robot that spans "
             f"{reach:.2g} m: millimetres?; taken as it stands"
         )
+    if moves and size > 0 and thickness <= _FLAT_M:
+        yield f"link {link.name!r} has a shape without thickness; taken as it stands"
     if moves and 0 < size < _TINY_M:
         yield (
             f"link {link.name!r} is {1000 * size:.2g} mm large on a robot that spans {reach:.2g} "

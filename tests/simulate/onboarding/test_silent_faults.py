@@ -74,6 +74,9 @@ def whole_robot() -> str:
 def write(folder: Path, text: str) -> Path:
     trimesh.creation.box(FINGER_M).export(folder / "finger.stl")
     trimesh.creation.box((100, 100, 100)).export(folder / "base_mm.stl")
+    flat = trimesh.creation.box(FINGER_M)
+    flat.vertices[:, 1] = 0.0
+    flat.export(folder / "flat.stl")
     path = folder / "arm.urdf"
     path.write_text(text)
     return path
@@ -144,6 +147,21 @@ CASES = {
     "softer limits": (
         'effort="60"/>', 'effort="60"/><safety_controller soft_lower_limit="-.5" '
         'soft_upper_limit=".5"/>', "kept within -0.5 .. 0.5 by its safety_controller",
+    ),
+    "an axis as an attribute": (
+        'name="j2" type', 'name="j2" axis="0 1 0" type', "joint 'j2' has an attribute 'axis'",
+    ),
+    "an axis within an origin": (
+        'xyz="0 0 0.25" rpy="0 0 0"/><axis xyz="0 1 0"/>',
+        'xyz="0 0 0.25" rpy="0 0 0"><axis xyz="0 1 0"/></origin>',
+        "joint 'j2' has <axis> in <origin>",
+    ),
+    "a misspelt element": (
+        '<mimic joint="left_slide"', '<mimics joint="left_slide"',
+        "joint 'right_slide' has <mimics> and no <mimic>: misspelt?",
+    ),
+    "flat fingers": (
+        'filename="finger.stl"', 'filename="flat.stl"', "has a shape without thickness",
     ),
     "axes all one way": (
         '<axis xyz="0 1 0"/><limit lower="-2.5"', '<axis xyz="0 0 1"/><limit lower="-2.5"',

@@ -21,9 +21,10 @@ INERTIAL = (
     "</inertial>"
 )
 LIMIT = '<limit lower="{}" upper="{}" velocity="2" effort="3"/>'
-TRIANGLE = (
+TRIANGLES = (
     "solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex {0} 0 0\nvertex 0 {0} 0\n"
-    "endloop\nendfacet\nendsolid x\n"
+    "endloop\nendfacet\nfacet normal 0 1 0\nouter loop\nvertex 0 0 0\nvertex {0} 0 0\n"
+    "vertex 0 0 {0}\nendloop\nendfacet\nendsolid x\n"
 )
 
 
@@ -62,7 +63,7 @@ def no_search(monkeypatch):
 
 @pytest.mark.parametrize("shape", ["box", "mesh"])
 def test_shapes_in_millimetres_are_named_before_the_search(tmp_path, no_search, shape):
-    (tmp_path / "pad.stl").write_text(TRIANGLE.format(40))
+    (tmp_path / "pad.stl").write_text(TRIANGLES.format(40))
     mesh = '<collision><geometry><mesh filename="pad.stl"/></geometry></collision>'
     path = arm(tmp_path, box("40 10 20") if shape == "box" else mesh)
     says = "link 'fore' is 40 m large on a robot that spans 0.6 m: millimetres? --scale 0.001"
@@ -132,7 +133,7 @@ def test_a_joint_that_can_follow_none_moves_by_itself(tmp_path, source, says):
 def test_mesh_paths_are_decoded(tmp_path, written):
     folder = tmp_path / "my_arm"
     folder.mkdir()
-    (folder / "pad a.stl").write_text(TRIANGLE.format(0.04))
+    (folder / "pad a.stl").write_text(TRIANGLES.format(0.04))
     mesh = f'<collision><geometry><mesh filename="{written}"/></geometry></collision>'
     read = read_urdf(arm(folder, mesh))
     assert [Path(s.path).name for link in read.links for s in link.shapes] == ["pad a.stl"]
