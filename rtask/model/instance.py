@@ -236,6 +236,7 @@ class Model(metaclass=ModelType):
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         fields: dict[str, Property] = {}
+        # The class itself last, so that its own fields replace those that it inherits.
         for base in reversed(cls.__mro__):
             fields.update(base.__dict__.get("__own_fields__", {}))
         cls.__fields__ = fields
@@ -258,6 +259,7 @@ class Model(metaclass=ModelType):
         state, eager_iris = self.__state__, eager(type(self))
         document: dict[str, Any] = {"iri": state.iri, "class": type(self).__name__}
         for name, about in sorted(type(self).__fields__.items()):
+            # What was never read is left out, rather than asked for, one query for each object.
             here = state.new or about.iri in state.pending or state.knows(about.iri)
             if here or about.iri in eager_iris:
                 value = about.plain(self)
@@ -278,6 +280,7 @@ class Model(metaclass=ModelType):
         return json.dumps(self.to_dict(), default=_json_text, **options)
 
     def __setattr__(self, name: str, value: object) -> None:
+        # A misspelt field would otherwise be set on the object, and stored nowhere.
         if name != "iri" and name not in type(self).__fields__:
             raise FieldError(missing_field(type(self), name), field=name)
         object.__setattr__(self, name, value)

@@ -111,6 +111,7 @@ def read_update(text: str) -> Update:
     QuerySyntaxError
         The text does not parse; gives line and column.
     """
+    # A robot repeats few short updates; a long one is a load, and would only fill the cache.
     return _recent(text) if len(text) <= _READ_AGAIN else _read(text)
 
 
@@ -125,6 +126,7 @@ def _read(text: str) -> Update:
     operations = reader.operations()
     body = text
     for start, end in reader.declared:
+        # Blanked, not cut out: the line and column of an error in the rest stay those of the text.
         blank = re.sub(r"[^\n]", " ", text[start:end])
         body = body[:start] + blank + body[end:]
     return Update(text, reader.tokens, operations, reader.prologue, body)
@@ -249,6 +251,7 @@ class _Reader:
 
     def _take_mark(self, mark: str) -> bool:
         taken = self.tokens[self.at].is_mark(mark)
+        # A bool counts as 0 or 1.
         self.at += taken
         return taken
 
