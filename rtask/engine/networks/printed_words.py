@@ -47,7 +47,6 @@ __all__ = [
 log = logging.getLogger(__name__)
 
 _READING = "reading"
-_PRINT = 6
 _TOKENS, _NAME = 16, 200
 _READINGS = 16
 """Latest readings that are kept: a robot sends a view twice, to ask and to report."""
@@ -149,11 +148,11 @@ class PrintedWords:
     def weigh(self, recognition: Recognition, seen: Observation) -> Recognition:
         """Return an answer, no longer accepted where a word contradicts the object's print.
 
-        Only an object accepted by print is doubted, and only where a sibling may be shown: another
-        stored object shares print, or a region of the picture differs from the stored view's.
+        Only an object accepted by print is doubted. Nothing else has to point to a sibling: where
+        one word in small letters is all that differs, no region of the picture does.
         """
         first = recognition.matches[0] if recognition.accepted else None
-        if first is None or first.homography is None or not _is_sibling_near(recognition):
+        if first is None or first.homography is None:
             return recognition
         contradiction = self._contradiction(first, seen)
         if contradiction is None:
@@ -182,14 +181,6 @@ class PrintedWords:
             return None
         vocabulary = {word.text for words in by_view.values() for word in words}
         return contradicting_word(seen_words, stored, vocabulary, match.homography)
-
-
-def _is_sibling_near(recognition: Recognition) -> bool:
-    """Tell whether the view may show an object that shares print with the accepted one."""
-    first, *others = recognition.matches
-    return first.difference is not None or any(
-        match.homography is not None and match.inliers >= _PRINT for match in others
-    )
 
 
 def state_words(triples: Triples, view: NamedNode, words: Sequence[Word], reader: str) -> None:

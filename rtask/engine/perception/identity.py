@@ -41,7 +41,7 @@ def recognise(
     """Match a view, and further ``looks`` at the same object, against the index.
 
     Where no print was matched, ``embeddings`` propose objects below the confidence of acceptance.
-    Where print was, and a sibling may be shown, ``words`` are read that may refute it.
+    Where print was, ``words`` are read that may refute it.
 
     Parameters
     ----------

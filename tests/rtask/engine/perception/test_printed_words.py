@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import pytest
 
@@ -9,6 +11,8 @@ import rtask
 from rtask.asking.questions import answer
 from rtask.engine import Engine
 from rtask.engine.networks.printed_words import unread_views, words_of_objects
+from rtask.engine.perception.identity import recognise
+from rtask.engine.perception.observation import OptionalLook, observe
 from rtask.errors import MissingExtraError, UsageError
 from rtask.rdf.namespaces import PREFIXES, RT
 from tests.features.words.printed_cartons import StandInReader, carton, photograph
@@ -80,6 +84,19 @@ def test_one_look_that_shows_another_word_outweighs_others_that_hide_it(reading)
     mixed = engine.call("search_object", {**looks[0], "looks": [looks[1], look("NATURELL", 8)]})
     assert not mixed["accepted"]
     assert mixed["word_seen"] == "NATURELL"
+
+
+def test_a_word_refutes_where_nothing_else_points_to_a_sibling(reading):
+    engine, _ = reading
+    store(engine)
+    context = engine.context
+    seen = observe(OptionalLook(**look("NATURELL", 8)))
+    found = recognise(context.views.recogniser, seen, context.policy, 8)
+    alone = replace(found.matches[0], difference=None)
+    weighed = context.words.weigh(replace(found, matches=(alone,)), seen)
+    assert found.accepted
+    assert not weighed.accepted
+    assert weighed.words.seen.text == "NATURELL"
 
 
 def test_a_picture_is_read_once_for_a_question_and_a_report(reading):
