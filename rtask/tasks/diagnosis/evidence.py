@@ -46,6 +46,9 @@ def clues_of(failure: Failure) -> Mapping[str, Sequence[Clue]]:
             Clue(8.0, "it ended after its deadline") if failure.is_late
             else Clue(0.2, "it ended before its deadline")
         )  # fmt: skip
+    else:
+        # A motion that ran out of time is seldom cured by an earlier start where nothing was due.
+        clues["late"].append(Clue(0.25, "no deadline of it is known"))
     return clues
 
 
@@ -53,6 +56,9 @@ def _about_place(failure: Failure, clues: dict[str, list[Clue]]) -> None:
     if failure.is_elsewhere:
         clues["stale_place"].append(Clue(5.0, "afterwards it was seen elsewhere, or nowhere"))
         clues["dropped"].append(Clue(2.0, "afterwards it was seen elsewhere, or nowhere"))
+    else:
+        # Who finds a place empty looks around, and reports what it sees.
+        clues["stale_place"].append(Clue(0.4, "nobody has seen it elsewhere since"))
     if failure.age_s is not None and failure.age_s < _FRESH_S:
         clues["stale_place"].append(Clue(0.4, "its place was known since less than a minute"))
     elif failure.age_s is not None and failure.age_s > _OLD_S:

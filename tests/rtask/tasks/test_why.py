@@ -166,6 +166,24 @@ def test_a_change_that_is_not_told_apart_from_failing_again_is_not_offered():
     assert answer.text.endswith("no change that is known would have mended it")
 
 
+@pytest.mark.parametrize(
+    ("reason", "known", "mends"),
+    [
+        ("hardware", {}, "hand"),
+        ("tracking", {}, ""),
+        ("timed_out", {"is_late": True}, "earlier"),
+        ("timed_out", {}, ""),
+        ("missed", {"age_s": 7200.0, "is_elsewhere": True}, "look"),
+        ("missed", {"age_s": 7200.0}, ""),
+    ],
+)
+def test_a_change_is_said_to_mend_only_where_something_speaks_for_its_cause(reason, known, mends):
+    others = [(along, True) for along in (-0.07, -0.03, 0.0, 0.05, 0.08)]
+    asked = replace(failure(reason, *others), hands=(Hand("other", "another robot"),), **known)
+    answer = diagnose(asked)
+    assert (answer.change.kind if answer.mends else "") == mends, answer.text
+
+
 def test_a_caller_is_told_only_what_it_may_read(engine):
     attempt = tried(engine, NAO, 0.0, "slip_lift")
     guest = Access("guest", "reader", frozenset({f"read:{BASE}graph/agent/guest"}))
