@@ -16,7 +16,7 @@ from simulate.study.day.lab import BOXES, TABLES, Item, Lab, Place, distance
 from simulate.study.day.robots import BASE, Robot, ask, box_iri
 from simulate.world.seeds import stream
 
-__all__ = ["Day", "Sample", "live_day"]
+__all__ = ["LONGEST_COVER_S", "Day", "Sample", "live_day"]
 
 START_S = 1_767_600_000.0
 """Unix time at which the day begins: 5 January 2026, 8 o'clock UTC."""
@@ -28,7 +28,8 @@ _SLIP = 0.05
 _BY_PERSON = 0.05
 _COVERS = 0.15
 _BUMPED_M = 0.2
-_LONGEST_COVER_S = 2400.0
+LONGEST_COVER_S = 2400.0
+"""Time for which people cover a thing at most, s."""
 _IDENTITY = {"orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
 
 
@@ -173,7 +174,7 @@ def _cover(day: Day, rng: np.random.Generator, time_s: float) -> None:
     if items:
         item = items[int(rng.integers(len(items)))]
         item.covered_from_s = time_s
-        item.covered_until_s = time_s + float(rng.uniform(600.0, _LONGEST_COVER_S))
+        item.covered_until_s = time_s + float(rng.uniform(600.0, LONGEST_COVER_S))
         day.count("by people: cover")
 
 
@@ -221,7 +222,7 @@ def _sample(day: Day, rng: np.random.Generator, time_s: float) -> None:
     items = [
         item for item in day.lab.items
         if item.now.kind in ("on", "away")
-        and (item.covered_from_s > time_s - _LONGEST_COVER_S) == of_late
+        and (item.covered_from_s > time_s - LONGEST_COVER_S) == of_late
     ]  # fmt: skip
     item = items[int(rng.integers(len(items)))] if items else None
     iri = "" if item is None else day.iri_of(item)

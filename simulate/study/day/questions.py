@@ -18,7 +18,7 @@ import numpy as np
 from rtask.engine import Engine
 from rtask.rdf.namespaces import PREFIXES
 from rtask.world.placement import seconds
-from simulate.study.day.happenings import Day
+from simulate.study.day.happenings import LONGEST_COVER_S, Day
 from simulate.study.day.lab import Item, Place, distance
 from simulate.study.day.robots import ask, place_rows
 
@@ -31,6 +31,7 @@ _RIGHT_M = 0.05
 _BESIDE_M, _MARGIN_M = 0.25, 0.03
 _GAP_S = 900.0
 _NEXT_LOOK_S = 660.0
+_STEP_S = 600.0
 _FIRST_LOOKS_S = 360.0
 _TRIES = 50
 Verdict = Literal["right", "not known", "wrong"]
@@ -78,15 +79,20 @@ class _Asker:
     def last_first_sight_s(self) -> float:
         """Unix time at which a thing was seen for the first time, the latest of all; s.
 
-        Of those that cannot be one that was known before.
+        Of those that are not most likely one that was known before.
         """
         rows = self.engine.context.kb.select(f"""{PREFIXES}
 SELECT ?thing (MIN(?begin) AS ?first) WHERE {{
   ?place rt:placementOf ?thing ; time:hasBeginning/time:inXSDDateTimeStamp ?begin .
   ?thing rt:exemplarOf ?product
-  FILTER NOT EXISTS {{ ?thing rt:mergedInto|rt:possiblyIdenticalTo ?known }}
-}} GROUP BY ?thing""")
-        return max((seconds(row.value("first")) for row in rows), default=math.inf)
+  FILTER NOT EXISTS {{ ?thing rt:mergedInto ?known }}
+}} GROUP BY ?thing ORDER BY DESC(?first)""")
+        for row in rows:
+            answer = ask(self.engine, "where_is", name=str(row.value("thing")), frame="map",
+                         stamp=self.day.end_s)  # fmt: skip
+            if all(other.chance < SURE for each in answer["things"] for other in each.may_be):
+                return seconds(row.value("first"))
+        return math.inf
 
     def item(self) -> tuple[Item, str] | None:
         """Draw a thing, and its name: its IRI if another one looks the same."""
@@ -224,11 +230,13 @@ def _named_beside(asker: _Asker, item: Any, time_s: float) -> set[str] | None:
     if any(row["chance"] < SURE for row in rows) or asker.last_first_sight_s > time_s:
         return None
     beside = {str(row["other"]) for row in rows}
-    later_s = min(time_s + _NEXT_LOOK_S, asker.day.end_s)
-    for other in _stood_about(asker, item, later_s) - beside - {item.thing}:
-        after = [p for p in asker.trace(other, later_s) if p.since > time_s]
-        if any(p.arrived_after is None or p.arrived_after < time_s for p in after):
-            return None
+    # What slipped and was covered before a look is found once the cover is off.
+    for wait_s in np.arange(_NEXT_LOOK_S, _NEXT_LOOK_S + LONGEST_COVER_S + 1.0, _STEP_S):
+        later_s = min(time_s + float(wait_s), asker.day.end_s)
+        for other in _stood_about(asker, item, later_s) - beside - {item.thing}:
+            after = [p for p in asker.trace(other, later_s) if p.since > time_s]
+            if any(p.arrived_after is None or p.arrived_after < time_s for p in after):
+                return None
     return beside
 
 
