@@ -46,6 +46,9 @@ _BEYOND = {
         ("without", "do not", "never", "avoid"),
         "what may not be done is no goal, as robots move what is in their way: say how things are "
         "to be in the end, such as 'leave the jug where it is' or 'no cup may stay on the table'"),
+    **dict.fromkeys(
+        ("carefully", "gently", "slowly", "quickly", "fast", "quietly", "straight"),
+        "how a robot moves is no part of a goal: leave it out"),
 }  # fmt: skip
 """Words that no goal has, with what to say instead."""
 _VOCABULARY = frozenset().union(*CLASSES.values(), PUT, GRASP, ADJECTIVES, NUMBERS)
@@ -246,9 +249,12 @@ def _not_understood(items: Items, names: set[str]) -> UsageError | UnknownTermEr
     covered = {at for name in items.named
                for at in range(name.mentions[0].start, name.mentions[0].end)}  # fmt: skip
     if at in covered or word in _VOCABULARY or not word.isalpha():
+        robots = [name for name in items.named if name.role("robot") is not None]
+        is_told = any(m.start <= at <= m.end for name in robots for m in name.mentions)
+        advice = "; which robot does it, the plan chooses: leave it out" if is_told else ""
         return UsageError(
             f"{word!r} after {items.text(0, at)!r} is not understood where it stands; understood: "
-            f"{listed}"
+            f"{listed}{advice}"
         )
     near = difflib.get_close_matches(word, sorted(names), n=3, cutoff=0.5)
     hint = f"; the nearest names are {', '.join(near)}" if near else ""

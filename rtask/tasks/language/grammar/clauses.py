@@ -152,6 +152,8 @@ class Clauses(Removals):
                 for start in items.ends(end, "with"):
                     for phrases, after in self.phrases.lists(start):
                         yield clause_of("put", phrases, place), after
+        for start in items.ends(at, "use"):
+            yield from self._used(start)
         yield from self._verb_last(at)
         for start in items.ends(at, "do not"):  # "do not put it into the left box but ..."
             for phrases, end in self.phrases.lists(start + 1) if items.is_verb(start, _PUT) else ():
@@ -167,6 +169,11 @@ class Clauses(Removals):
             for clause, after in self._put_there(phrases, end):
                 yield replace(clause, has_verb=True), after
             yield from self._other_than(phrases, end)
+            for source, after in self.off(end):  # "everything off the shelf and into the box"
+                there = tuple(replace(p, places=(*p.places, (source, False))) for p in phrases)
+                for start in self.items.ends(after, ",? and?"):
+                    for target, last in self.placed(start):
+                        yield clause_of("put", there, target), last
             takes = verb in TAKE
             yield Clause(deeds_of("put", phrases), is_open=True, has_verb=True, takes=takes), end
             if verb != "pick":
@@ -229,6 +236,20 @@ class Clauses(Removals):
             ):
                 yield clause_of("back", phrases), end
 
+    def _used(self, at: int) -> Iterator[tuple[Clause, int]]:
+        """Yield "(use) the left box for the pens and the right one for the cups"."""
+        for place, end in self.phrases.places(at):
+            for start in self.items.ends(end, "for"):
+                for phrases, after in self.phrases.lists(start):
+                    clause = clause_of("put", phrases, place)
+                    yield clause, after
+                    for begin in (
+                        *self.items.ends(after, "and"),
+                        *self.items.ends(after, ", and?"),
+                    ):
+                        for rest, last in self._used(begin):
+                            yield replace(clause, deeds=clause.deeds + rest.deeds), last
+
     def _put_back(self, at: int) -> Iterator[tuple[Clause, int]]:
         for phrases, end in self.phrases.lists(at):
             yield clause_of("back", phrases), end
@@ -271,7 +292,8 @@ class Clauses(Removals):
             for start in self.items.ends(end, "contains|holds|has nothing but|except"):
                 for left_out, last in self.phrases.lists(start):
                     yield away_from((replace(EVERYTHING, left_out=left_out),), place), last
-            for last in self.items.ends(end, "MUST|BE? be? EMPTY"):
+            for last in (*self.items.ends(end, "MUST|BE? be? EMPTY"),
+                         *self.items.ends(end, "to be EMPTY")):  # fmt: skip
                 yield away_from((EVERYTHING,), place), last
                 yield from self.rid(place, last)
         yield from self._none(at)
@@ -398,6 +420,10 @@ class Clauses(Removals):
         """Yield "(there should be) exactly two cups on the table"."""
         for phrase, end in self.phrases.phrases(at):
             yield from self._there_at(phrase, end)
+        for phrases, end in self.phrases.lists(at):  # "a can and two cups on the table"
+            if len(phrases) > 1 and all(p.quantity != Quantity("no") for p in phrases):
+                for place, after in self.phrases.destinations(end):
+                    yield clause_of("put", phrases, place), after
 
     def _there_at(self, phrase: Phrase, at: int) -> Iterator[tuple[Clause, int]]:
         is_no = phrase.quantity is not None and phrase.quantity.kind == "no"

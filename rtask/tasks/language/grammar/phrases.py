@@ -321,6 +321,9 @@ class Phrases(Superlatives):
                 phrase = replace(everything, others="rest" in self.items.text(at, end))
                 for place, after in self.at_places(end, "AT"):
                     yield _Read(phrase, replace(phrase, places=((place, False),)), after, False)
+        for end in ends(at, "what|whatever is|are"):  # "whatever is red"
+            for phrase, after in self._predicate(everything, end, is_not=False):
+                yield _Read(everything, phrase, after, False)
         for end in ends(at, "it|them|they|these|those"):
             phrase = Phrase(anaphor=self.items.word(at))
             yield _Read(phrase, phrase, end, False)

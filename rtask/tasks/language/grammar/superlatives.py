@@ -76,6 +76,9 @@ class Superlatives(Places):
                 # Without a verb, "the cup heaviest" is nobody's English.
                 if start > at or superlative.measure in ("distance", "seen"):
                     yield replace(phrase, superlative=superlative), end
+        for word, is_most in (("most", True), ("least", False)):
+            for end in self.items.ends(at, f",? that|which weighs|weigh the? {word}"):
+                yield replace(phrase, superlative=Superlative("mass", is_most)), end
         for end in self.items.ends(at, ",? that|which? you|I|we saw|spotted last|latest"):
             yield replace(phrase, superlative=Superlative("seen", True)), end
 
