@@ -87,7 +87,7 @@ def _check(
     from features.imaging.calibration import check_board, registration_shift
 
     # A board is as large in the picture as the focal length makes it: a guess measures nothing.
-    seen = read_scene(file, replace(view, is_kept=board is not None))
+    seen = read_scene(file, replace(view, is_stored=board is not None))
     if not isinstance(seen, Frame):
         raise UsageError(f"{file} is a cloud; the calibration shows in images of depth and colour")
     output: dict[str, object] = {}

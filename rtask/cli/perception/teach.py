@@ -166,7 +166,7 @@ def _shown(
     from rtask.cli.perception.selecting import Selection, objects_in
 
     # What is taught is stored with its sizes, and a later view of another size is refused for them.
-    _, crops = objects_in(file, replace(view, is_kept=True), preset, Selection(mask, box))
+    _, crops = objects_in(file, replace(view, is_stored=True), preset, Selection(mask, box))
     if len(crops) != 1:
         raise UsageError(
             f"{file} shows {len(crops) or 'no'} objects; say which one by --box or --mask"

@@ -54,8 +54,8 @@ class View:
         Of a recording: which frame, s after its start.
     frame
         Of a recording: frame of the robot with z up for places; empty = a usual base.
-    is_kept
-        Whether sizes are kept beyond the answer: a guess of the camera is refused then.
+    is_stored
+        Whether sizes are stored beyond the answer: a guess of the camera is refused then.
     """
 
     colour: Path | None = None
@@ -67,7 +67,7 @@ class View:
     camera: Path | None = None
     at_s: float = 0.0
     frame: str = ""
-    is_kept: bool = False
+    is_stored: bool = False
 
     @property
     def given(self) -> tuple[str, ...]:
@@ -199,11 +199,11 @@ def read_cameras(shape: tuple[int, ...], view: View) -> Cameras:
             raise ValueError(f"no JSON: {error}") from error
         if not isinstance(fields, dict):
             raise ValueError("a JSON object is expected")
-        told = fields.get("depth", fields)
-        depth = lens_from_message(told)
-        notes = (*_doubts(depth.intrinsics), *_straightened(depth, told))
-        if any(told.get(name) for name in ("roi", "binning_x", "binning_y")):
-            depth = lens_of_size(depth, told, (shape[0], shape[1]))
+        camera_info = fields.get("depth", fields)
+        depth = lens_from_message(camera_info)
+        notes = (*_doubts(depth.intrinsics), *_straightened(depth, camera_info))
+        if any(camera_info.get(name) for name in ("roi", "binning_x", "binning_y")):
+            depth = lens_of_size(depth, camera_info, (shape[0], shape[1]))
         colour = lens_from_message(fields["colour"]) if "colour" in fields else None
         pose = np.array(fields.get("colour_from_depth", np.eye(4)), np.float64)
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
@@ -230,7 +230,7 @@ def _guess(camera: Intrinsics, view: View) -> str:
     """
     import numpy as np
 
-    if view.is_kept:
+    if view.is_stored:
         raise UsageError(
             "nothing says which camera took the depth image, and its sizes would be stored: "
             "--camera or --focal says it"
@@ -250,11 +250,11 @@ def _doubts(camera: Intrinsics) -> tuple[str, ...]:
     return (doubt,) if doubt else ()
 
 
-def _straightened(lens: Lens, told: dict[str, Any]) -> tuple[str, ...]:
+def _straightened(lens: Lens, camera_info: dict[str, Any]) -> tuple[str, ...]:
     """Return that an image is taken for raw, where its CameraInfo describes a rectified one too."""
     from features.imaging.camera import lens_from_message
 
-    if not lens.is_distorted or lens_from_message(told, is_rectified=True).intrinsics == (
+    if not lens.is_distorted or lens_from_message(camera_info, is_rectified=True).intrinsics == (
         lens.intrinsics
     ):
         return ()

@@ -24,9 +24,9 @@ __all__ = ["Cause", "Diagnosis", "diagnose"]
 
 BOUND = 0.6
 """Chance at which a change is taken to mend a failure."""
-_KNOWN = 0.6
+_SETTLED = 0.6
 """Chance of the first cause from which a change may be said to mend."""
-_KNOWN_UNTOLD = 0.65
+_SETTLED_UNREPORTED = 0.65
 """The same where robots seldom report this cause as they did: all that stops an arm is tracking."""
 _TELLING = 0.15
 """Chance of a report under a cause from which the report speaks of it."""
@@ -101,11 +101,11 @@ class Diagnosis:
         if self.change is None or not self.causes or self.causes[0].kind == UNKNOWN:
             return False
         first = self.causes[0]
-        is_told = report_chance(first.kind, self.failure.tried.reason) >= _TELLING
+        is_reported = report_chance(first.kind, self.failure.tried.reason) >= _TELLING
         alike = _HIDDEN if first.kind in _HIDDEN else {first.kind}
         chance = sum(cause.chance for cause in self.causes if cause.kind in alike)
-        is_known = chance >= (_KNOWN if is_told else _KNOWN_UNTOLD)
-        return is_known and self.change.chance >= BOUND
+        is_settled = chance >= (_SETTLED if is_reported else _SETTLED_UNREPORTED)
+        return is_settled and self.change.chance >= BOUND
 
     @property
     def text(self) -> str:

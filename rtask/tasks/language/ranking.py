@@ -108,7 +108,7 @@ def _measures(select: Select, conditions: Sequence[str], measure: str) -> dict[T
         f"{PREFIXES}SELECT ?thing (MAX(?v) AS ?value) WHERE {{ {' . '.join(conditions)} "
         f"{value_of(measure, 'v')} }} GROUP BY ?thing LIMIT {MAX_EXEMPLARS}"
     )
-    return _by_thing(rows)
+    return _by_object(rows)
 
 
 def _distances(select: Select, conditions: Sequence[str], to: Place) -> dict[Term, float]:
@@ -123,7 +123,7 @@ def _distances(select: Select, conditions: Sequence[str], to: Place) -> dict[Ter
         f"{_reference(select, to)} ; rtf:within {_WITHIN_M} ; rtf:distance ?metres }} }} "
         "GROUP BY ?thing"
     )
-    return _by_thing(rows)
+    return _by_object(rows)
 
 
 def _reference(select: Select, to: Place) -> Term:
@@ -166,7 +166,7 @@ def _sightings(select: Select, conditions: Sequence[str]) -> dict[Term, float]:
     return values
 
 
-def _by_thing(rows: object) -> dict[Term, float]:
+def _by_object(rows: object) -> dict[Term, float]:
     values: dict[Term, float] = {}
     for row in rows:  # type: ignore[attr-defined]
         if row["thing"] is not None and row["value"] is not None:

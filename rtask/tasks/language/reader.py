@@ -250,8 +250,8 @@ def _not_understood(items: Items, names: set[str]) -> UsageError | UnknownTermEr
                for at in range(name.mentions[0].start, name.mentions[0].end)}  # fmt: skip
     if at in covered or word in _VOCABULARY or not word.isalpha():
         robots = [name for name in items.named if name.role("robot") is not None]
-        is_told = any(m.start <= at <= m.end for name in robots for m in name.mentions)
-        advice = "; which robot does it, the plan chooses: leave it out" if is_told else ""
+        is_after_robot = any(m.start <= at <= m.end for name in robots for m in name.mentions)
+        advice = "; which robot does it, the plan chooses: leave it out" if is_after_robot else ""
         return UsageError(
             f"{word!r} after {items.text(0, at)!r} is not understood where it stands; understood: "
             f"{listed}{advice}"

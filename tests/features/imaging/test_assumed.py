@@ -86,10 +86,10 @@ def test_a_depth_image_that_nothing_describes_says_what_is_assumed(files: Files)
     assert "63 degrees across" in said
     assert "steps of 1 mm are taken; --depth-unit says it" in said
     with pytest.raises(UsageError, match=r"depth.png: nothing says which camera"):
-        files.read(file, is_kept=True)
+        files.read(file, is_stored=True)
     camera = files.write("camera.json", json.dumps(NUMBERS).encode())
     for told in ({"camera": camera}, {"focal": 140.0}):
-        seen, said = files.read(file, is_kept=True, depth_unit_m=0.001, **told)
+        seen, said = files.read(file, is_stored=True, depth_unit_m=0.001, **told)
         assert seen.intrinsics.fx == 140.0
         assert said == ""
 

@@ -34,8 +34,8 @@ class Removals(Conditions):
                 for target, last in self.placed(end):  # "empty the tray into the box"
                     yield clause_of("put", (emptied,), target), last
                     for left_out, after in self.phrases.exceptions(last, (emptied,)):
-                        kept = replace(emptied, left_out=left_out)
-                        yield clause_of("put", (kept,), target), after
+                        less = replace(emptied, left_out=left_out)
+                        yield clause_of("put", (less,), target), after
         # "Empty cups into the box" may be cups that are empty.
         is_tidying = not self.items.is_verb(at - 1, frozenset(("empty", "unload")))
         for begin in (at, *items.ends(at, "up|away")) if is_tidying else ():

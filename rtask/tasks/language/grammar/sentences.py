@@ -124,7 +124,7 @@ class _Program:
     ) -> Iterator[tuple[Units, int]]:
         yield from self._conditional(at, conditions)
         yield from self._in_order(at, conditions)
-        yield from self._told(at, conditions)
+        yield from self._given(at, conditions)
         for clause, end in self.clauses.clauses(at):
             unit = Unit(clause, clause.order == "then", conditions)
             yield (unit,), end
@@ -145,7 +145,7 @@ class _Program:
                     for clause, after in self.clauses.clauses(end + 1):
                         yield (Unit(topic), Unit(clause, False, conditions)), after
 
-    def _told(
+    def _given(
         self, at: int, conditions: tuple[tuple[Condition, bool], ...]
     ) -> Iterator[tuple[Units, int]]:
         """Yield "there is a can on the table: put it ...": what is told says only which is meant.

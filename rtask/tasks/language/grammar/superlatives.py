@@ -61,12 +61,12 @@ class Superlatives(Places):
 
     def superlative_after(self, phrase: Phrase, at: int) -> Iterator[tuple[Phrase, int]]:
         """Yield a phrase with what stands behind its noun: "(the cup) nearest to the jug"."""
-        known = phrase.superlative
-        if known is not None:
-            if known.measure == "distance" and known.to is None:  # "the nearest cup to the jug"
+        stated = phrase.superlative
+        if stated is not None:
+            if stated.measure == "distance" and stated.to is None:  # "the nearest cup to the jug"
                 for start in self.items.ends(at, "to|from"):
                     for place, end in self._references(start):
-                        yield replace(phrase, superlative=replace(known, to=place)), end
+                        yield replace(phrase, superlative=replace(stated, to=place)), end
             return
         starts = (at, *self.items.ends(at, ",? that|which is|are|lies|stands the?"),
                   *self.items.ends(at, ",? that|which was|were"),
