@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import contextmanager
 
 import pytest
 
@@ -45,11 +46,26 @@ class Room:
         self.engine.kb.update(f"PREFIX rt: <{RT}> INSERT DATA {{ {text} }}", agent="ann")
 
 
-@pytest.fixture(scope="module")
-def room(bench):
+@contextmanager
+def furnished(bench):
+    """A room with what was met before, of which two things were weighed."""
     with rtask.open(":memory:", base="https://example.org/kb/") as kb, Engine(kb) as engine:
         made = Room(bench, engine)
         made.state(f"<{made.cola}> rt:mass 0.25e0 . <{made.mug}> rt:mass 0.9e0")
+        yield made
+
+
+@pytest.fixture(scope="module")
+def room(bench):
+    """One room for all tests that only ask."""
+    with furnished(bench) as made:
+        yield made
+
+
+@pytest.fixture
+def own_room(bench):
+    """A room for a test that adds to it."""
+    with furnished(bench) as made:
         yield made
 
 
@@ -114,14 +130,15 @@ def test_only_what_is_seen_is_offered(room):
     assert "was seen at 20" in answer["explanation"]["text"]
 
 
-def test_what_is_known_and_not_seen_is_told_with_its_place(room):
-    room.state(
+def test_what_is_known_and_not_seen_is_told_with_its_place(own_room):
+    own_room.state(
         "<urn:frame> a rt:Frame ; rt:frameId 'kitchen' ."
-        f"<{room.pencil}> rt:hasPose <urn:pose> . <urn:pose> a rt:Pose ; rt:inFrame <urn:frame> ;"
+        f"<{own_room.pencil}> rt:hasPose <urn:pose> ."
+        "<urn:pose> a rt:Pose ; rt:inFrame <urn:frame> ;"
         " rt:x 1.5e0 ; rt:y 0.25e0 ; rt:z 0.75e0 ; rt:qx 0e0 ; rt:qy 0e0 ; rt:qz 0e0 ; rt:qw 1e0 ;"
         " rt:atTime '2100-01-01T10:00:00Z'^^<http://www.w3.org/2001/XMLSchema#dateTimeStamp>"
     )
-    answer = room.ask("a pen", objects=[])
+    answer = own_room.ask("a pen", objects=[])
     assert [one["code"] for one in answer["reasons"]] == ["not_seen", "elsewhere"]
     where = {"x": 1.5, "y": 0.25, "z": 0.75, "frame_id": "kitchen"}
     assert answer["reasons"][1]["place"] == where
@@ -167,32 +184,32 @@ def test_an_object_that_the_graph_does_not_know_is_refused(room):
         room.ask("a can", objects=["https://example.org/no"])
 
 
-def test_a_taught_kind_and_a_stated_use_count_as_well(room, bench):
+def test_a_taught_kind_and_a_stated_use_count_as_well(own_room, bench):
     lamp = bench.Thing((0.03, 0.03, 0.05), texture_seed=21)
-    made = room.robot.insert(
+    made = own_room.robot.insert(
         bench.sight(lamp), name="torch", class_description="pocket lamp", function="illuminate"
     )["objects"][0]["object"]
-    assert room.ask("something that gives light")["object"] == made
-    assert room.ask("a pocket lamp")["object"] == made
+    assert own_room.ask("something that gives light")["object"] == made
+    assert own_room.ask("a pocket lamp")["object"] == made
 
 
-def test_of_two_that_serve_the_one_with_the_surer_grasp_is_taken(room, bench):
+def test_of_two_that_serve_the_one_with_the_surer_grasp_is_taken(own_room, bench):
     other = bench.Thing((0.038, 0.038, 0.07), True, texture_seed=31, yaw=0.0)
     seen = bench.sight(other)
-    answer = room.robot.recognise(seen)
-    told = room.robot.insert(
+    answer = own_room.robot.recognise(seen)
+    told = own_room.robot.insert(
         seen, grasp=answer["grasps"][0], outcome=bench.held(), name="juice", class_description="can"
     )
     juice = told["objects"][0]["object"]
-    first = room.ask("something to drink from", objects=[room.cola, juice])
+    first = own_room.ask("something to drink from", objects=[own_room.cola, juice])
     assert [one["label"] for one in first["objects"]] == ["juice", "cola"]
     assert first["grasps"][0]["statistics"]["successes"] == 1
     for k in range(9):
-        room.robot.call(
+        own_room.robot.call(
             "report_outcome", task_id=f"urn:juice:{k}", object=juice, gripper_id="right_hand",
             grasp=first["grasps"][0]["id"], outcome=bench.missed(),
         )  # fmt: skip
-    then = room.ask("something to drink from", objects=[room.cola, juice])
+    then = own_room.ask("something to drink from", objects=[own_room.cola, juice])
     assert [one["label"] for one in then["objects"]] == ["cola", "juice"]
 
 
@@ -238,38 +255,38 @@ def test_objects_named_in_a_wish_are_found_behind_others_that_fit_it(room, monke
     assert answer["reasons"][0]["code"] == "not_seen"
 
 
-def test_colours_that_a_camera_saw_and_traits_narrow_a_request(room):
-    rows = room.engine.kb.select(
+def test_colours_that_a_camera_saw_and_traits_narrow_a_request(own_room):
+    rows = own_room.engine.kb.select(
         f"PREFIX rt: <{RT}> PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#> "
-        f"SELECT ?label {{ <{room.cola}> rt:hasColour/rdfs:label ?label }}"
+        f"SELECT ?label {{ <{own_room.cola}> rt:hasColour/rdfs:label ?label }}"
     )
     shown = {str(row.value("label")) for row in rows}
     assert shown
     (other, *_) = sorted({"red", "green", "blue", "pink"} - shown)
     for colour in sorted(shown):
-        answer = room.ask(f"the {colour} can")
-        assert answer["object"] == room.cola
+        answer = own_room.ask(f"the {colour} can")
+        assert answer["object"] == own_room.cola
         assert f", {colour}" in answer["explanation"]["text"]
         assert answer["understood"]["colours"] == [RT + f"colour_{colour}"]
-    assert room.ask(f"the {other} can")["task_response"] == "unmet"
-    heavy = room.ask("something heavy")
+    assert own_room.ask(f"the {other} can")["task_response"] == "unmet"
+    heavy = own_room.ask("something heavy")
     assert [one["label"] for one in heavy["reasons"]] == ["blue mug"]
     assert heavy["understood"]["traits"] == [RT + "trait_heavy"]
-    assert room.ask("a heavy can")["task_response"] == "unmet"
+    assert own_room.ask("a heavy can")["task_response"] == "unmet"
 
 
-def test_grasps_beyond_max_grasps_are_counted(room, bench):
-    assert room.ask("something to drink from")["grasps_left_out"] == 0
+def test_grasps_beyond_max_grasps_are_counted(own_room, bench):
+    assert own_room.ask("something to drink from")["grasps_left_out"] == 0
     seen = bench.sight(bench.CAN)
-    every = room.robot.recognise(seen, max_grasps=50)
-    first = room.robot.recognise(seen, max_grasps=1)
+    every = own_room.robot.recognise(seen, max_grasps=50)
+    first = own_room.robot.recognise(seen, max_grasps=1)
     assert len(first["grasps"]) == 1 < len(every["grasps"])
     assert 1 + first["grasps_left_out"] == len(every["grasps"]) + every["grasps_left_out"]
 
     for number, grasp in enumerate(every["grasps"][:2]):
         told = {"grasp": grasp, "outcome": bench.held(), "task_id": f"urn:try:{number}"}
-        room.robot.insert(seen, object=room.cola, **told)
-    known = room.ask("something to drink from", max_grasps=50)
-    cut = room.ask("something to drink from", max_grasps=1)
+        own_room.robot.insert(seen, object=own_room.cola, **told)
+    known = own_room.ask("something to drink from", max_grasps=50)
+    cut = own_room.ask("something to drink from", max_grasps=1)
     assert len(cut["grasps"]) == 1
     assert cut["grasps_left_out"] == len(known["grasps"]) - 1 > 0
