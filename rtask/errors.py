@@ -54,7 +54,7 @@
         └── UnknownRobotError       no robot has that name
 
 A message says what was wrong, where, what was expected and what to do. The command line prints it
-as one line and exits with :attr:`RtaskError.exit_status`; HTTP turns it into RFC 9457 problem
+as one line and exits with its :attr:`RtaskError.exit_code`; HTTP turns it into RFC 9457 problem
 details with :attr:`RtaskError.status` and :attr:`RtaskError.slug`. Whether trying again may help is
 :attr:`RtaskError.is_transient`, over every protocol the member ``transient``.
 """
@@ -122,7 +122,6 @@ __all__ = [
 
 TRANSIENT_STATUSES = frozenset((429, 502, 503, 504, 507))
 """HTTP statuses of errors after which the same call may succeed later."""
-_EXIT_CODES = {400: 2, 404: 1, 405: 2}
 
 
 def nearest(name: str, names: Sequence[str]) -> str:
@@ -181,25 +180,6 @@ class RtaskError(Exception):
         (409, 409)
         """
         return int(self.details.get("http_status", self.status))
-
-    @property
-    def exit_status(self) -> int:
-        """Exit code of a command that ends with the error: 1 not found, 2 a wrong call, 3 failed.
-
-        So a command ends alike on a graph in the same process and on a server, whose answer names
-        the kind of error (RFC 9457, "type"), or has at least a status.
-
-        Examples
-        --------
-        >>> CallFailedError("no", http_status=422, problem="unknown-term").exit_status
-        1
-        >>> CallFailedError("no", http_status=400).exit_status, StoreLockedError("no").exit_status
-        (2, 3)
-        """
-        if "http_status" not in self.details:
-            return self.exit_code
-        by_status = _EXIT_CODES.get(self.answer_status, self.exit_code)
-        return _exit_codes(RtaskError).get(str(self.details.get("problem")), by_status)
 
     def __init__(self, message: str, **details: Any) -> None:
         super().__init__(message)
@@ -509,11 +489,3 @@ class UnknownRobotError(RobotError):
     """No robot has that name."""
 
     slug, exit_code = "unknown-robot", 1
-
-
-def _exit_codes(kind: type[RtaskError]) -> dict[str, int]:
-    """Return the exit codes of a class of errors and all below it, by slug."""
-    codes = {kind.slug: kind.exit_code}
-    for each in kind.__subclasses__():
-        codes |= _exit_codes(each)
-    return codes

@@ -96,6 +96,8 @@ _SECTIONS = {
     ),
 }  # fmt: skip
 """Sections of the help, by what one wants to do; a command of another package comes last."""
+_EXIT_CODES = {400: 2, 404: 1, 405: 2}
+"""Exit codes by HTTP status, where a server names no kind of error."""
 
 
 @cache
@@ -236,7 +238,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if "--debug" in given:
             raise
         click.echo(f"rtask: {_printable(str(error))}{_advice(error)}", err=True)
-        sys.exit(error.exit_status)
+        sys.exit(_exit_code_of(error))
     except UnicodeEncodeError as error:  # an argument that is not UTF-8, or a terminal of another
         if "--debug" in given:
             raise
@@ -255,6 +257,33 @@ def main(arguments: Sequence[str] | None = None) -> None:
         is_absent = isinstance(error, (FileNotFoundError, IsADirectoryError, NotADirectoryError))
         sys.exit(2 if is_absent and str(error.filename) in given else RtaskError.exit_code)
     sys.exit(done if isinstance(done, int) else 0)
+
+
+def _exit_code_of(error: RtaskError) -> int:
+    """Return the exit code for an error, alike on a graph in this process and on a server.
+
+    The answer of a server names the kind of error (RFC 9457, "type"), or has at least a status.
+
+    Examples
+    --------
+    >>> from rtask.errors import CallFailedError, StoreLockedError
+    >>> _exit_code_of(CallFailedError("no", http_status=422, problem="unknown-term"))
+    1
+    >>> _exit_code_of(CallFailedError("no", http_status=400)), _exit_code_of(StoreLockedError("no"))
+    (2, 3)
+    """
+    if "http_status" not in error.details:
+        return error.exit_code
+    by_status = _EXIT_CODES.get(error.answer_status, error.exit_code)
+    return _exit_codes(RtaskError).get(str(error.details.get("problem")), by_status)
+
+
+def _exit_codes(kind: type[RtaskError]) -> dict[str, int]:
+    """Return the exit codes of a class of errors and all below it, by slug."""
+    codes = {kind.slug: kind.exit_code}
+    for each in kind.__subclasses__():
+        codes |= _exit_codes(each)
+    return codes
 
 
 def _printable(text: str) -> str:

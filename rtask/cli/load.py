@@ -114,7 +114,7 @@ def load(
         "shapes": shapes,
         "on_inconsistency": on_inconsistency,
     }
-    with _hinting(), open_or_make(data, stores=not dry_run, **options) as kb:
+    with _hinting(on_inconsistency), open_or_make(data, stores=not dry_run, **options) as kb:
         graph = None if graph is None else resource(graph, kb.base)
         before = {str(name) for name in kb.store.named_graphs()}
         seq, aside = kb.seq, len(kb.quarantined())
@@ -141,7 +141,7 @@ def load(
             if not as_json and not dry_run:
                 _announce_undo(kb, reports, before, seq)
         aside = len(kb.quarantined()) - aside
-    if aside:
+    if aside > 0:
         click.echo(
             f"{aside} statements contradict the rest and were set aside; "
             f"to list them: rtask quarantine --data {data}",
@@ -152,12 +152,14 @@ def load(
 
 
 @contextmanager
-def _hinting() -> Iterator[None]:
+def _hinting(on_inconsistency: str) -> Iterator[None]:
     """Add what a person at a terminal may do to the refusal of contradictory statements."""
     try:
         yield
     except InconsistentError as error:
-        error.args = (f"{error}, and --on-inconsistency quarantine stores what does not clash",)
+        # What a removal makes contradictory is refused in either way.
+        if on_inconsistency == "error":
+            error.args = (f"{error}, and --on-inconsistency quarantine stores what does not clash",)
         raise
 
 

@@ -86,11 +86,14 @@ class OntologyCatalogue:
         is what is left to find it by.
         """
         folders = [place for place in self.searched(beside) if place.is_dir()]
-        for path in in_packages(inside, (*folders, *workspace_folders()), above=beside):
-            if path.is_file():
-                return path
-        name = inside.rpartition("/")[2]
-        alike = [path for folder in folders for path in loadable_files(folder) if path.name == name]
+        # Whoever wrote the ontology names nothing outside of packages.
+        if ".." not in Path(inside).parts:
+            for path in in_packages(inside, (*folders, *workspace_folders()), above=beside):
+                if path.is_file():
+                    return path
+        name = Path(inside).name
+        entries = [paths for folder in folders for paths in self._entries(folder).values()]
+        alike = [path for paths in entries for path in paths if path.name == name]
         return _choose(alike, f"package://{inside}", beside) if alike else None
 
     def resembling(self, iri: str, beside: Path | None = None) -> tuple[Path, str] | None:

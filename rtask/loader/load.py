@@ -321,6 +321,12 @@ class _Loader:
             return
         paths = self.catalogue.find(name.value, importer.path)
         if paths is not None:
+            inside = name.value.removeprefix("package://")
+            if inside != name.value and not paths.as_posix().endswith(f"/{inside}"):
+                self.report.warnings.append(
+                    f"{importer.name} imports {name.value}, a package that is not here; {paths} "
+                    "was read, which has its name"
+                )
             nested = _Loader(self.kb, _for_imports(self.options), self.catalogue)
             nested.report, nested._done = self.report, self._done
             nested.terms = self.terms

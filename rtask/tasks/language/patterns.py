@@ -133,11 +133,19 @@ def value_of(measure: str, variable: str) -> str:
 
 
 def exemplars_of(select: Select, conditions: Sequence[str]) -> dict[Term, frozenset[Term]]:
-    """Return each thing that fits, with the places where it is."""
+    """Return each thing that fits, with the places where it is.
+
+    Raises
+    ------
+    UsageError
+        More fit than are looked at: of the others it would not be known what they are.
+    """
     rows = select(
         f"{PREFIXES}SELECT DISTINCT ?thing ?now WHERE {{ {' . '.join(conditions)} "
-        f"OPTIONAL {{ ?thing rt:locatedOn ?now }} }} LIMIT {MAX_EXEMPLARS}"
+        f"OPTIONAL {{ ?thing rt:locatedOn ?now }} }} LIMIT {MAX_EXEMPLARS + 1}"
     )
+    if len(rows) > MAX_EXEMPLARS:
+        raise UsageError(f"more than {MAX_EXEMPLARS} things fit: say of fewer, or where they are")
     matches: dict[Term, set[Term]] = {}
     for row in rows:
         thing, now = row["thing"], row["now"]

@@ -10,6 +10,7 @@ from rtask.asking.questions.mentions import Mention
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import Term
+from rtask.sparql.results import Solutions
 from rtask.tasks.actions import Select
 from rtask.tasks.language.meaning import Phrase, Place, Quantity, Superlative
 from rtask.tasks.language.patterns import MAX_EXEMPLARS, exemplars_of, fitting, value_of
@@ -166,9 +167,10 @@ def _sightings(select: Select, conditions: Sequence[str]) -> dict[Term, float]:
     return values
 
 
-def _by_object(rows: object) -> dict[Term, float]:
+def _by_object(rows: Solutions) -> dict[Term, float]:
     values: dict[Term, float] = {}
-    for row in rows:  # type: ignore[attr-defined]
-        if row["thing"] is not None and row["value"] is not None:
-            values[row["thing"]] = float(str(row.value("value")))
+    for row in rows:
+        thing = row["thing"]
+        if thing is not None and row["value"] is not None:
+            values[thing] = float(str(row.value("value")))
     return values

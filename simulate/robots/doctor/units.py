@@ -225,7 +225,8 @@ def _doubtful_place(link: Link, far: float, reach: float) -> Iterator[str]:
 
 
 def _doubtful_size(link: Link, reach: float, moves: bool) -> Iterator[str]:
-    size = max((_longest_side(shape) for shape in link.shapes), default=0.0)
+    sides = [_sides(shape) for shape in link.shapes]
+    size = max((longest for _, longest in sides), default=0.0)
     limit = max(_TIMES_REACH * reach, _LARGE_M)
     if moves and max(_TIMES_SIZE * reach, _LARGE_M) < size <= limit:
         yield (
@@ -233,7 +234,7 @@ def _doubtful_size(link: Link, reach: float, moves: bool) -> Iterator[str]:
             "centimetres or inches?; taken as it stands"
         )
     # A floor is wide and flat; what is large every way holds the robot inside.
-    thickness = max((_shortest_side(shape) for shape in link.shapes), default=0.0)
+    thickness = max((shortest for shortest, _ in sides), default=0.0)
     if not moves and thickness > limit:
         yield (
             f"link {link.name!r}, which does not move, is {size:.3g} m large on a robot that spans "
@@ -377,7 +378,7 @@ def oversized(links: Iterable[Link], joints: Sequence[Joint]) -> list[Oversized]
             moved.add(joint.child)
     limit = max(_TIMES_REACH * reach, _LARGE_M)
     sizes = [
-        (link.name, max((_longest_side(shape) for shape in link.shapes), default=0.0))
+        (link.name, max((_sides(shape)[1] for shape in link.shapes), default=0.0))
         for link in links
         if link.name in moved
     ]
@@ -399,7 +400,7 @@ def with_scale(links: Sequence[Link], joints: Sequence[Joint], scale: float) -> 
     limit = max(_TIMES_REACH * _reach(links, joints), _LARGE_M)
 
     def scaled(shape: Shape) -> Shape:
-        if _longest_side(shape) <= limit:
+        if _sides(shape)[1] <= limit:
             return shape
         return replace(shape, size=tuple(scale * side for side in shape.size))
 
@@ -425,30 +426,20 @@ def _reach(links: Iterable[Link], joints: Sequence[Joint]) -> float:
     return max(spans.values(), default=0.0)
 
 
-def _longest_side(shape: Shape) -> float:
+def _sides(shape: Shape) -> tuple[float, float]:
+    """Return the shortest and the longest side of a shape, m; zeros where no mesh can be read."""
     if shape.kind == "mesh":
         try:
             low, high = mesh_box(shape.path, shape.size)
-        except RobotError:
-            return 0.0
-        return float((high - low).max())
-    if shape.kind == "box":
-        return max(shape.size)
-    radius = 2 * shape.size[0]
-    return max(radius, shape.size[1]) if shape.kind == "cylinder" else radius
-
-
-def _shortest_side(shape: Shape) -> float:
-    if shape.kind == "mesh":
-        try:
-            low, high = mesh_box(shape.path, shape.size)
-        except RobotError:
-            return 0.0
-        return float((high - low).min())
-    if shape.kind == "box":
-        return min(shape.size)
-    radius = 2 * shape.size[0]
-    return min(radius, shape.size[1]) if shape.kind == "cylinder" else radius
+        except RobotError:  # a mesh that cannot be read is named elsewhere
+            return 0.0, 0.0
+        sides = tuple((high - low).tolist())
+    elif shape.kind == "box":
+        sides = shape.size
+    else:
+        length = shape.size[1] if shape.kind == "cylinder" else 2 * shape.size[0]
+        sides = 2 * shape.size[0], length
+    return min(sides), max(sides)
 
 
 def _box_of(link: Link) -> tuple[Floats, Floats] | None:

@@ -102,9 +102,22 @@ def test_an_import_by_package_is_found_where_ros_and_the_caller_have_it(
         kb.load(robots / "top.ttl")
     report = kb.load(robots / "top.ttl", catalogs=[moved])
     assert [Path(file.name).stem for file in report.files][-2:] == ["parts", "top"]
+    (warning,) = report.warnings
+    assert "a package that is not here" in warning
+    assert "parts.ttl was read, which has its name" in warning
     assert {f"urn:o:{name}" for name in ("arm", "base", "parts", "top")} == {
         name.value for name in kb.catalogue.ontologies()
     }
+
+
+def test_an_import_by_package_names_nothing_outside_of_packages(
+    tmp_path: Path, kb: KnowledgeBase
+) -> None:
+    (tmp_path / "robots").mkdir()
+    _write(tmp_path, secret=_ontology("secret"))
+    _write(tmp_path / "robots", top=_ontology("top", "package://robots/../secret.ttl"))
+    with pytest.raises(DataError, match="searched"):
+        kb.load(tmp_path / "robots" / "top.ttl")
 
 
 def test_a_missing_import_names_the_file_that_may_be_meant(

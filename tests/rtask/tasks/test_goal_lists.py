@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from rtask.tasks.language import patterns
 from tests.benchmarks.tasks.bench_goals import GOALS, judged, sentences
 from tests.benchmarks.tasks.goals_lab import open_lab
 
@@ -38,6 +39,12 @@ def test_which_of_several_is_read_from_positions_and_sightings(lab, sentence, ex
 def test_what_is_left_of_a_goal_once_a_part_is_done_is_the_same_things(lab):
     plan = lab.tasks.plan("the cup nearest to the jug onto the shelf")
     assert "rt:locatedOn" in plan.settled, "the nearest cup would be another one by then"
+
+
+def test_of_more_things_than_are_looked_at_none_is_called_the_heaviest(lab, monkeypatch):
+    monkeypatch.setattr(patterns, "MAX_EXEMPLARS", 3)
+    result, why = judged(lab, "the heaviest cup onto the table", "cup-4 > T")
+    assert (result, "more than 3 things fit" in why) == ("refused", True), why
 
 
 @pytest.mark.deep

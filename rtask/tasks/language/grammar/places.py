@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 
 from rtask.tasks.language.grammar.quantities import Quantities
@@ -11,16 +12,16 @@ from rtask.tasks.language.meaning import Name, Phrase, Place
 __all__ = ["Places"]
 
 
-class Places(Quantities):
+class Places(Quantities, ABC):
     """Rules for places in the words of one goal."""
 
     def __init__(self, items: Items) -> None:
         super().__init__(items)
         self._places: dict[int, list[tuple[Place, int]]] = {}
 
+    @abstractmethod
     def phrases(self, at: int) -> Iterator[tuple[Phrase, int]]:
-        """Yield phrases that begin here, which say what is at a place."""
-        raise NotImplementedError
+        """Yield phrases that begin here: a place may be where they are, and they be at a place."""
 
     def at_places(self, at: int, preposition: str) -> Iterator[tuple[Place, int]]:
         """Yield places behind a preposition."""

@@ -17,7 +17,19 @@ class Removals(Conditions):
 
     def placed(self, at: int) -> Iterator[tuple[Place, int]]:
         """Yield where to, with the little words that may follow it."""
-        raise NotImplementedError
+        for place, end in self.phrases.destinations(at):
+            yield place, end
+            for after in self.items.ends(end, "too|only|in"):
+                yield place, after
+            for start in self.items.ends(end, ",? and? not"):
+                yield from ((place, last) for _, last in self.phrases.destinations(start))
+            for start in (*self.items.ends(end, ",? instead of AT?"),
+                          *self.items.ends(end, ",? rather than AT?")):  # fmt: skip
+                yield from ((place, last) for _, last in self.phrases.places(start))
+        for start in self.items.ends(at, "not"):  # "not into the left box but into the right one"
+            for _, end in self.phrases.destinations(start):
+                for begin in self.items.ends(end, ",? but"):
+                    yield from self.phrases.destinations(begin)
 
     def cleared(self, at: int) -> Iterator[tuple[Clause, int]]:
         """Yield "(clear) the table of pens except the red one"."""
