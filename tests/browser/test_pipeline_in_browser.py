@@ -215,8 +215,13 @@ def _by_mouse(page: Any, field: Any, words: str) -> None:
 
 
 def _by_keys(page: Any, field: Any, words: str) -> None:
+    """Go down a list from its top: typed words are forgotten after a second without a key."""
+    labels = field.locator("option").all_inner_texts()
     field.focus()
-    page.keyboard.type(words)  # the browser chooses what begins so
+    page.keyboard.press("Home")
+    for _ in range(labels.index(words)):
+        page.keyboard.press("ArrowDown")
+    assert field.locator("option:checked").inner_text() == words
 
 
 def _press(page: Any, name: str) -> None:
@@ -252,6 +257,38 @@ def test_what_is_seen_recognised_and_grasped_is_composed_alike_by_mouse_and_by_k
     inputs = {one["id"]: one["inputs"] for one in composed[0]["steps"]}
     assert inputs["search_object"]["data"] == {"$ref": "segment.objects.0.cloud"}
     assert inputs["recall_grasps"]["object"] == {"$ref": "search_object.similar_objects.0.object"}
+
+
+def test_a_reply_that_comes_late_does_not_undo_what_was_chosen_since(
+    browser: Any, server: RunningServer
+) -> None:
+    with open_page(browser, server.url, **LOOKS["laptop-light"]) as page:
+        _compose(page, server.url)
+        held: list[Any] = []
+
+        def hold_the_first(route: Any) -> None:
+            if held or route.request.method != "POST":
+                route.continue_()
+            else:
+                held.append(route)
+
+        page.route("**/tools/pipeline*", hold_the_first)
+        weigh = page.locator("#step-weigh")
+        with page.expect_request(lambda sent: sent.method == "POST"):
+            weigh.get_by_label("density *, from").select_option("cut.height")
+        weigh.get_by_label("cloud *, from").select_option("$input.weigh_cloud")
+        page.wait_for_function("() => location.search.includes('weigh_cloud')")
+        both = {"cloud": {"$input": "weigh_cloud"}, "density": {"$ref": "cut.height"}}
+        assert _pipeline(page)["steps"][1]["inputs"] == both
+        (late,) = held
+        late.fulfill(
+            body="<div data-pipeline data-address='/tools/pipeline'><p id='old'></p></div>"
+        )
+        page.get_by_label("name of the step").first.fill("pieces")
+        page.keyboard.press("Enter")
+        page.locator("#step-pieces").wait_for()
+        named = {"cloud": {"$input": "weigh_cloud"}, "density": {"$ref": "pieces.height"}}
+        assert _pipeline(page)["steps"][1]["inputs"] == named
 
 
 def test_keyboard_alone_composes_renames_and_removes(browser: Any, server: RunningServer) -> None:

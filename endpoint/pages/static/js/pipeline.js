@@ -7,6 +7,11 @@ import { showResults } from "./results.js";
 
 const root = () => document.querySelector("[data-pipeline]");
 
+/** How long a list may still change under somebody's keys before the page follows it, in ms. */
+const PAUSE = 400;
+let underWay = null; // what ends the request whose reply is still to come
+let pause = 0;
+
 /** Put the page that the server drew in the place of this one; chosen files stay chosen. */
 function replace(text) {
   const next = new DOMParser().parseFromString(text, "text/html").querySelector("[data-pipeline]");
@@ -38,16 +43,30 @@ async function followRun() {
   if (page && replace(await page.text())) root().querySelector("[role=alert], [data-answers]")?.scrollIntoView({ block: "center" });
 }
 
+/** End what is under way: its reply would put an older pipeline in the place of a newer one. */
+function supersede() {
+  clearTimeout(pause);
+  pause = 0;
+  underWay?.abort();
+}
+
 async function send(form, button) {
+  supersede();
+  const mine = underWay = new AbortController();
   const said = form.querySelector("[data-said]");
   const running = button?.value === "run";
   if (said) said.textContent = running ? "Running …" : "";
   root().setAttribute("aria-busy", "true");
+  root().inert = running; // what is changed meanwhile would be lost with the reply
   const steps = form.querySelectorAll(".step").length;
-  const response = await fetch(form.action, { method: "POST", body: new FormData(form, button), headers: { Accept: "text/html" } }).catch(() => null);
+  const request = { method: "POST", body: new FormData(form, button), headers: { Accept: "text/html" }, signal: mine.signal };
+  const response = await fetch(form.action, request).catch(() => null);
+  const text = await response?.text().catch(() => null) ?? "";
+  if (mine.signal.aborted) return;
+  underWay = null;
   root().removeAttribute("aria-busy");
+  root().inert = false;
   if (response?.redirected && !new URL(response.url).pathname.startsWith("/tools/pipeline")) return location.assign(response.url);
-  const text = await response?.text() ?? "";
   if (!replace(text)) {
     if (said) explain(said, response ? problemOf(response, text) : { detail: "No answer from the server; nothing was changed." });
     return;
@@ -67,8 +86,23 @@ document.addEventListener("submit", (event) => {
   event.preventDefault();
   send(event.target, event.submitter);
 });
+/** Send what was chosen; a list that is being typed into changes with every key, so it waits for the last. */
+function follow(field, wait) {
+  supersede();
+  pause = setTimeout(() => {
+    pause = 0;
+    if (field.isConnected) send(field.form, field.form.querySelector("[value=change]"));
+  }, wait);
+}
+
+let typed = -PAUSE; // when a key was last pressed in a list
 document.addEventListener("change", ({ target }) => {
-  if (target.matches("[data-follow]")) send(target.form, target.form.querySelector("[value=change]"));
+  if (target.matches("[data-follow]")) follow(target, performance.now() - typed < PAUSE ? PAUSE : 0);
+});
+document.addEventListener("keydown", ({ target }) => {
+  if (!target.matches("select[data-follow]")) return;
+  typed = performance.now();
+  if (pause) follow(target, PAUSE);
 });
 addEventListener("popstate", () => location.reload());
 followRun();
