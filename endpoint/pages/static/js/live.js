@@ -11,6 +11,8 @@ const REACHED = "a[href], button, input, select, textarea, summary";
 function follow(part) {
   let source = null;
   let timer = 0;
+  let asked = 0;
+  let drawn = 0;
   const lost = element("p", { class: "problem", role: "status", hidden: "" });
   part.before(lost);
 
@@ -23,10 +25,12 @@ function follow(part) {
 
   async function redraw() {
     timer = 0;
+    const mine = ++asked;
     const answer = await fetch(location.href, { headers: { Accept: "text/html" } }).catch(() => null);
     if (!answer?.ok) return;
     const fresh = new DOMParser().parseFromString(await answer.text(), "text/html").querySelector("[data-follow]");
-    if (!fresh) return;
+    if (!fresh || mine < drawn) return; // a reply that comes late shows what is no longer so
+    drawn = mine;
     [...part.children].forEach((old, index) => {
       const now = fresh.children[index];
       if (!now || now.textContent === old.textContent) return;

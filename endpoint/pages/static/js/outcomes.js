@@ -192,11 +192,17 @@ function swipes(card) {
   });
 }
 
+let asked = 0;
+let drawn = 0;
+
 /** Others judge too: draw again what is said, and say so on the card that is open. */
 async function refresh() {
+  const mine = ++asked;
   const answer = await fetch(location.href, { headers: { Accept: "text/html" } }).catch(() => null);
   if (!answer?.ok) return;
   const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
+  if (mine < drawn) return; // a reply that comes late shows what is no longer so
+  drawn = mine;
   cards.forEach((card, index) => {
     const said = fresh.getElementById(card.id)?.querySelector("[data-said]");
     const old = card.querySelector("[data-said]");
