@@ -8,7 +8,7 @@ reason, and never adapted silently.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -195,4 +195,6 @@ def thinned(motion: Motion, most: int) -> Motion:
     def at(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.stack([np.interp(times, motion.times, column) for column in values.T], axis=1)
 
-    return Motion(motion.joints, times, at(motion.positions), at(motion.commands))
+    return replace(
+        motion, times=times, positions=at(motion.positions), commands=at(motion.commands)
+    )

@@ -265,7 +265,7 @@ class _Writer:
             self.vectors.append((view, object_iri, class_iri, prepared.vector))
         if context.words is not None and prepared.words is not None:
             context.words.state(self.triples, view, prepared.words)
-        grasp, handled = self._grasp(prepared, object_iri, task_id, event, now, exemplar)
+        grasp, handled = self._grasp(prepared, object_iri, task_id, event, (time, now), exemplar)
         self.views.append((view, object_iri, class_iri, prepared.seen))
         features = len(prepared.seen.features)
         entry = _entry(
@@ -355,10 +355,17 @@ class _Writer:
         object_iri: NamedNode,
         task_id: str,
         event: NamedNode,
-        now: dt.datetime,
+        times: tuple[dt.datetime, dt.datetime],
         exemplar: str,
     ) -> tuple[NamedNode | None, str]:
-        """Store the attempt of an entry; return its grasp and the single thing."""
+        """Store the attempt of an entry; return its grasp and the single thing.
+
+        Parameters
+        ----------
+        times
+            When the object was seen, and now.
+        """
+        seen_at, now = times
         if prepared.grasp is None or prepared.outcome is None:
             return None, exemplar
         if prepared.gripper is None:
@@ -382,6 +389,7 @@ class _Writer:
                 decision,
                 event,
                 exemplar,
+                None if prepared.located is None else (prepared.located, seen_at),
             ),
             self.pending,
         )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from grasp.spatial.frames import angle_between_axes, matrix_from_pose, wrap_2pi
 from grasp.spatial.gripper import ContactKind
@@ -60,6 +61,9 @@ class Attempt:
         None if it is not known.
     times
         Durations by the names of :data:`TIMES`, s.
+    place
+        Where the robot knew the object when a recorded attempt began: the frame, and the pose
+        (4, 4) in it, m; None if unknown.
     """
 
     attempt: NamedNode
@@ -78,6 +82,7 @@ class Attempt:
     exemplar: NamedNode | None = None
     times: Mapping[str, float] = field(default_factory=dict)
     seed: int | None = None
+    place: tuple[str, NDArray[np.float64]] | None = None
 
 
 def find_grasp(
@@ -354,6 +359,9 @@ def _state_motion(context: Context, triples: Triples, attempt: Attempt) -> None:
         reported_motion.commands,
         "outcome.motion",
     )
+    if attempt.place is not None:
+        # With the recording, because a robot keeps only its latest estimates of an object.
+        motion = motion.of_object(*attempt.place)
     blob = context.kb.blobs.put(motion.to_bytes(), MEDIA_TYPE)
     node = iri(f"{attempt.attempt.value}/motion")
     triples.node(

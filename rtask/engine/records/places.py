@@ -269,6 +269,20 @@ def state_moved(
     return [(object_iri, RT.locatedOn, support) for support in supports]
 
 
+def place_before(
+    kb: GraphCore, object_iri: NamedNode, robot: NamedNode, graph: NamedNode, time: dt.datetime
+) -> Located | None:
+    """Return where a robot last estimated an object in a frame of its own, while that holds."""
+    for estimate in _estimates(kb, object_iri, graph):
+        if estimate.time > time or not estimate.frame.value.startswith(f"{robot.value}/"):
+            continue
+        names = [str(python_value(quad.object)) for quad in kb.match(estimate.frame, RT.frameId)]
+        if estimate.is_over or not names:
+            return None
+        return Located(estimate.frame_from_object, names[0], 1.0, is_round=False)
+    return None
+
+
 def _has_moved(last: _Estimate, place: Located) -> bool:
     before, now = last.frame_from_object, place.frame_from_object
     if np.linalg.norm(now[:3, 3] - before[:3, 3]) > MOVED_M:

@@ -26,7 +26,7 @@ from rtask.engine.records.attempts import (
 from rtask.engine.records.exemplars import exemplar_handled, move_exemplar
 from rtask.engine.records.objects import state_frame, state_recognition
 from rtask.engine.records.outcomes import Outcome
-from rtask.engine.records.places import Handled, state_moved
+from rtask.engine.records.places import Handled, Located, place_before, state_moved
 from rtask.engine.records.received import Received
 from rtask.engine.records.task_tree import state_task_tree
 from rtask.engine.terms import find_task
@@ -96,6 +96,8 @@ class Entry:
         Graph that it is written to.
     exemplar
         IRI of the single thing, if it is known by a sighting or by name; or empty.
+    seen
+        Where the object of the same message was seen, and when.
     """
 
     object_iri: NamedNode
@@ -109,6 +111,7 @@ class Entry:
     decision: Decision | None = None
     event: NamedNode | None = None
     exemplar: str = ""
+    seen: tuple[Located, dt.datetime] | None = None
 
 
 def earlier(context: Context, task_id: str, who: list[NamedNode]) -> Earlier | None:
@@ -217,6 +220,7 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
     task_class, task_name = find_task(entry.task)
     started, ended = entry.outcome.span(entry.now)
     node = context.names.unique("attempt")
+    place = _place_before(context, entry, started or ended)
     exemplar, withdrawn = _handle(context, triples, entry, pending, node)
     attempt = Attempt(
         attempt=node,
@@ -235,6 +239,7 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
         exemplar=iri(exemplar) if exemplar else None,
         times=_times(entry),
         seed=None if entry.decision is None else entry.decision.seed,
+        place=None if place is None else (place.frame_id, place.frame_from_object),
     )
     triples.extend(attempt_triples(context, attempt))
     state_task_tree(context, triples, attempt)
@@ -271,6 +276,15 @@ def _with_belief(
     tallies = [(*how, number) for how, number in counts.items()]
     before = posterior(context.policy, min(max(rounded(quality), 0.0), 1.0), tallies)
     return replace(entry, received=replace(entry.received, belief=(before.alpha, before.beta)))
+
+
+def _place_before(context: Context, entry: Entry, begun: dt.datetime) -> Located | None:
+    """Return where the robot knew the object when a recorded attempt began; None if unknown."""
+    if entry.outcome.report.motion is None:
+        return None
+    if entry.seen is not None and entry.seen[1] <= begun:
+        return entry.seen[0]
+    return place_before(context.kb, entry.object_iri, entry.gripper.robot, entry.graph, begun)
 
 
 def _handle(

@@ -68,8 +68,9 @@ def write_lerobot(
 ) -> Written:
     """Write the episodes whose joints were recorded as a data set, wholly or not at all.
 
-    ``observation.state`` has the measured joints and ``action`` the commanded ones, the last of
-    which is the opening of the hand; ``next.success`` is what the robot judged. Where the robot
+    ``observation.state`` has the measured joints and ``action`` what was commanded from there to
+    the next row, the last of which is the opening of the hand; ``next.success`` is what was judged,
+    where every episode was. Where the robot
     estimated the object's pose before each attempt, ``observation.environment_state`` has it, as it
     was before the attempt. Where a camera filmed each attempt, ``observation.images.CAMERA`` has
     its pictures. Judgements with their evidence are columns ``rtask/...`` of ``meta/episodes``.
@@ -164,11 +165,14 @@ def _write(
     frames = {situation.frame_id for situation in ordered}
     has_pose = all(situation.pose is not None for situation in ordered) and len(frames) == 1
     parts, start = list[_Part](), 0
+    is_judged = all(episode.held is not None for episode in episodes)
     for number, (episode, motion, situation, seen) in enumerate(
         zip(episodes, motions, ordered, shots, strict=True)
     ):
         task = situation.task
         columns = _columns(motion, number, tasks.index(task), start, episode.held is True)
+        if not is_judged:  # a row can say yes or no; one that nobody judged is neither
+            del columns["next.success"]
         if has_pose:
             assert situation.pose is not None
             rows = np.tile(situation.pose.astype(np.float32), (len(motion.times), 1))
@@ -213,7 +217,7 @@ def _columns(
     last = np.arange(count) == count - 1
     return {
         "observation.state": motion.positions.astype(np.float32),
-        "action": motion.commands.astype(np.float32),
+        "action": motion.actions.astype(np.float32),
         "next.done": last,
         "next.success": last & held,
         "timestamp": (motion.times - motion.times[0]).astype(np.float32),

@@ -5,12 +5,13 @@ from __future__ import annotations
 import gzip
 import io
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.spatial.frames import pose_from_matrix
 from rtask.errors import DataError, UsageError
 
 __all__ = ["MEDIA_TYPE", "Motion"]
@@ -36,17 +37,39 @@ class Motion:
         As measured.
     commands : (n, joints) float, rad or m
         As commanded at the same moments.
+    leads
+        Whether each command was given after its sample, as programs record that command a robot
+        row by row; otherwise it is the latest one before it.
+    frame_id
+        Frame of the pose, a name of tf; empty without one.
+    pose : (7,) float or None
+        Where the robot knew the object when the attempt began: x, y, z in m, and a quaternion.
     """
 
     joints: tuple[str, ...]
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
     commands: NDArray[np.float64]
+    leads: bool = False
+    frame_id: str = ""
+    pose: NDArray[np.float64] | None = None
+
+    @property
+    def actions(self) -> NDArray[np.float64]:
+        """What was commanded from each sample on, until the next one: (n, joints) float, rad or m.
+
+        The arm has come to where the latest command sent it. A policy that learnt those would
+        command an arm to stay where it is.
+        """
+        if self.leads:
+            return self.commands
+        return np.vstack([self.commands[1:], self.commands[-1:]])
 
     @classmethod
     def of_rows(
-        cls, joints: list[str], times: Any, positions: Any, commands: Any, where: str
-    ) -> Motion:
+        cls, joints: list[str], times: Any, positions: Any, commands: Any, where: str,
+        leads: bool = False,
+    ) -> Motion:  # fmt: skip
         """Return the motion of numbers in one row each, sample by sample.
 
         Parameters
@@ -57,6 +80,8 @@ class Motion:
         positions, commands : (n * joints,) float
         where
             The field, for errors.
+        leads
+            As of the class.
 
         Raises
         ------
@@ -83,17 +108,29 @@ class Motion:
                     field=where,
                 )
             rows.append(given.reshape(count, len(joints)))
-        return cls(tuple(joints), moments, rows[0], rows[1])
+        return cls(tuple(joints), moments, rows[0], rows[1], leads)
+
+    def of_object(self, frame_id: str, frame_from_object: NDArray[np.float64]) -> Motion:
+        """Return the motion with where the object was when it began; pose (4, 4), m."""
+        position, turn = pose_from_matrix(frame_from_object)
+        return replace(self, frame_id=frame_id, pose=np.concatenate([position, turn]))
 
     def to_bytes(self) -> bytes:
         """Return the motion as compressed JSON, the same bytes for the same numbers."""
-        fields = {
+        fields: dict[str, Any] = {
             "format": _FORMAT,
             "joints": list(self.joints),
             "times": np.round(self.times, _DECIMALS).tolist(),
             "positions": np.round(self.positions, _DECIMALS).ravel().tolist(),
             "commands": np.round(self.commands, _DECIMALS).ravel().tolist(),
         }
+        if self.leads:  # left out otherwise, so that the bytes of what is stored stay the same
+            fields["leads"] = True
+        if self.pose is not None:
+            fields["object"] = {
+                "frame_id": self.frame_id,
+                "pose": np.round(self.pose, _DECIMALS).tolist(),
+            }
         return gzip.compress(json.dumps(fields, separators=(",", ":")).encode(), mtime=0)
 
     @classmethod
@@ -116,9 +153,20 @@ class Motion:
             times, positions, commands = (
                 fields[name] for name in ("times", "positions", "commands")
             )
-            return cls.of_rows(list(fields["joints"]), times, positions, commands, "motion")
+            leads = bool(fields.get("leads", False))
+            joints = list(fields["joints"])
+            motion = cls.of_rows(joints, times, positions, commands, "motion", leads)
+            return motion._seen_at(fields.get("object"))
         except (OSError, EOFError, ValueError, KeyError, TypeError, UsageError) as error:
             raise DataError(f"no motion of an attempt: {error}") from error
+
+    def _seen_at(self, seen: Any) -> Motion:
+        if seen is None:
+            return self
+        pose = np.asarray(seen["pose"], dtype=np.float64)
+        if pose.shape != (7,) or not np.isfinite(pose).all():
+            raise ValueError(f"object.pose: expected 7 finite numbers, got {seen['pose']}")
+        return replace(self, frame_id=str(seen["frame_id"]), pose=pose)
 
     def at_rate(self, rate_hz: float) -> Motion:
         """Return the motion at equal steps from its first sample, joints interpolated between.
@@ -134,4 +182,4 @@ class Motion:
         def at(values: NDArray[np.float64]) -> NDArray[np.float64]:
             return np.stack([np.interp(times, self.times, column) for column in values.T], axis=1)
 
-        return Motion(self.joints, times, at(self.positions), at(self.commands))
+        return replace(self, times=times, positions=at(self.positions), commands=at(self.commands))

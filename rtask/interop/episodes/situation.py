@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.interop.episodes.episode import Episode
+from rtask.interop.episodes.motion import Motion
 from rtask.rdf.namespaces import PREFIXES, local_name, values
 from rtask.rdf.terms import moment
 
@@ -80,8 +81,8 @@ def situations_of(kb: GraphCore, episodes: Iterable[Episode]) -> dict[str, Situa
     for episode in recorded:
         thing = episode.thing or ""
         begun = min(episode.started or episode.ended, episode.ended)
-        frame, pose = "", None
-        for seen in poses.get(thing, ()):  # in the order of time
+        frame, pose = _recorded(kb, episode)
+        for seen in poses.get(thing, ()) if pose is None else ():  # in the order of time
             # An attempt ends the estimates of what it may move.
             holds = seen.time <= begun and (seen.end is None or seen.end >= begun)
             if seen.robot == episode.robot and holds:
@@ -94,6 +95,18 @@ def situations_of(kb: GraphCore, episodes: Iterable[Episode]) -> dict[str, Situa
     return made
 
 
+def _recorded(kb: GraphCore, episode: Episode) -> tuple[str, NDArray[np.float64] | None]:
+    """Return the pose that was kept with the joints of an episode, and its frame.
+
+    It is that of the view before the attempt; the graph has a robot's latest estimates alone, and
+    no new one for what moved by less than 2 cm.
+    """
+    if not episode.motion:
+        return "", None
+    motion = Motion.from_bytes(kb.blobs.read(episode.motion))
+    return motion.frame_id, motion.pose
+
+
 def _tasks_in_words(kb: GraphCore) -> dict[str, str]:
     """Return the tasks of attempts at no stored object, which are in the words of others."""
     rows = kb.select(f"""{PREFIXES}
@@ -104,6 +117,8 @@ SELECT ?attempt ?words {{ ?task rt:through ?attempt ; rt:taskName ?words
 
 def _task(name: str, colours: list[str], kind: str) -> str:
     """Return what the robot was to do, in words: the condition of a policy."""
+    if name == _NOBODY and not (colours or kind):
+        return "unknown task"
     look = " ".join(part for part in (" and ".join(colours), kind or "object") if part)
     if not (colours or kind):
         return f"pick up {name} and put it into the box"

@@ -14,12 +14,14 @@ from rosbags.highlevel import AnyReader
 
 import rtask
 from rtask.cli.episodes import episodes as command
+from rtask.engine.records import places
 from rtask.errors import DataError, UsageError
 from rtask.interop.episodes.episode import episodes_of
 from rtask.interop.episodes.lerobot import write_lerobot
 from rtask.interop.episodes.motion import Motion
 from rtask.interop.episodes.reading import read_episodes
 from rtask.interop.episodes.recording import write_episodes
+from rtask.rdf.namespaces import RT
 
 pq = pytest.importorskip("pyarrow.parquet")
 pytestmark = pytest.mark.slow
@@ -169,7 +171,9 @@ def test_a_data_set_has_the_files_and_columns_of_lerobot_3(told, bench, kb, tmp_
     assert frames["frame_index"] == [*range(4), *range(6)]
     assert frames["index"] == list(range(10))
     assert frames["observation.state"][5] == pytest.approx([1.0, 1.1, 1.2])
-    assert frames["action"][5] == pytest.approx([2.0, 2.1, 2.2])
+    # What was commanded from this row to the next; the arm has come to the row's own command.
+    assert frames["action"][5] == pytest.approx([3.0, 3.1, 3.2])
+    assert frames["action"][8] == frames["action"][9] == pytest.approx([6.0, 6.1, 6.2])
     assert [k for k, done in enumerate(frames["next.done"]) if done] == [3, 9]
     assert [k for k, held in enumerate(frames["next.success"]) if held] == [9]
     kept = pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pydict()
@@ -191,6 +195,31 @@ def test_a_data_set_has_the_files_and_columns_of_lerobot_3(told, bench, kb, tmp_
     assert stats["observation.state"]["mean"][0] == pytest.approx((6 + 15) / 10)
     tasks = pq.read_table(out / "meta/tasks.parquet")
     assert tasks.schema.pandas_metadata["index_columns"] == ["task"]
+
+
+def test_a_set_has_where_the_object_was_also_when_the_graph_has_forgotten_it(
+    bench, robots, kb, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(places, "MAX_ESTIMATES", 1)
+    robot, spots = robots("nao-1"), [(0.16, -0.06), (0.12, -0.06), (0.14, -0.03)]
+    for spot in spots:
+        seen = bench.sight(bench.BOX.at(*spot, 0.3))
+        answer = robot.recognise(seen)
+        robot.insert(seen, grasp=answer["grasps"][0], outcome=bench.held(motion=motion(4)))
+    assert len(list(kb.match(None, RT.poseOf))) < len(spots)
+    write_lerobot(kb, episodes_of(kb), tmp_path / "set", rate_hz=10)
+    rows = pq.read_table(tmp_path / "set/data/chunk-000/file-000.parquet").to_pydict()
+    poses = rows["observation.environment_state"][::4]
+    assert [pose[:2] for pose in poses] == [pytest.approx(spot, abs=0.01) for spot in spots]
+
+
+def test_a_set_with_attempts_that_nobody_judged_calls_none_of_them_lost(told, kb, tmp_path):
+    found = [replace(one, held=None) if one.held else one for one in episodes_of(kb)]
+    write_lerobot(kb, found, tmp_path / "set")
+    info = json.loads((tmp_path / "set/meta/info.json").read_text())
+    assert "next.success" not in info["features"]
+    kept = pq.read_table(tmp_path / "set/meta/episodes/chunk-000/file-000.parquet").to_pydict()
+    assert kept["rtask/held"] == [False, None]
 
 
 def test_a_data_set_comes_back_into_another_graph_whole(told, kb, tmp_path):
