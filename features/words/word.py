@@ -25,6 +25,8 @@ MAX_WORDS = 48
 MAX_LENGTH = 80
 """Characters of one line."""
 _MIN_SCORE = 0.5
+_LOOK_ALIKE = str.maketrans("i10", "llo")
+"""Letters that readers take for each other: one of four is too many to forgive by a share."""
 
 
 @dataclass(frozen=True)
@@ -163,8 +165,10 @@ def likeness(text: str, other: str) -> float:
     (1.0, 1.0, 0.0)
     >>> likeness("naturell", "vanilj") < 0.5 < likeness("mellanmjolk", "mellanmj0lk")
     True
+    >>> likeness("aria", "arla"), likeness("0atly", "oatly")
+    (1.0, 1.0)
     """
-    short, long = sorted((text, other), key=len)
+    short, long = sorted((text.translate(_LOOK_ALIKE), other.translate(_LOOK_ALIKE)), key=len)
     if not short:
         return 0.0
     if short in long:

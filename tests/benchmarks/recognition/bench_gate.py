@@ -3,6 +3,7 @@
     python bench_gate.py --seed 11                   # generated covers and boxes
     python bench_gate.py --seed 11 --photos FOLDER   # photographs of cartons as well
     python bench_gate.py --seed 11 --renders         # renders without depth as well
+    python bench_gate.py --seed 11 --only --others   # covers of another generator
 
 Covers are stored by one scan each and asked by photographs of 40 phones, half of them under the
 cover's mask, half with the desk around it. Boxes are stored and asked in poses that show their
@@ -52,10 +53,31 @@ from tests.benchmarks.recognition.print_queries import (
     kept,
 )
 from tests.benchmarks.recognition.turntable import is_fitted, without_depth, ycb_folder
+from tests.benchmarks.retrieval.other_covers import other_artwork, photograph_other_cover
 
 PHONES = 40
 BEFORE = replace(PrintParams(), wide_matches=10**6, part_extent=PrintParams().min_extent)
 Decided = tuple[float, bool, bool]
+
+
+def other_covers(count: int, seed: int, shots: int) -> list[Query]:
+    """Ask for covers of the second generator, of which five of eight are stored."""
+    queries: list[Query] = []
+    for kind in ("other cover", "other cover on a desk"):
+        rng = np.random.default_rng([8, seed, len(kind)])
+        stored: Views = {}
+        asked: Views = {}
+        for k in range(count):
+            name, print_ = f"{kind} {k}", other_artwork(int(rng.integers(2**31)))
+            flat = scan(print_)
+            stored[name] = [describe_view(flat, np.ones(flat.shape[:2], bool))]
+            taken = [photograph_other_cover(print_, rng) for _ in range(shots)]
+            asked[name] = [
+                describe_view(image, mask if kind == "other cover" else np.ones_like(mask))
+                for image, mask in taken
+            ]
+        queries += asked_of(stored, {kind: asked}, 5 * count // 8, 1, seed)
+    return queries
 
 
 def covers(count: int, seed: int, shots: int) -> list[Query]:
@@ -196,6 +218,7 @@ def main() -> None:
     parser.add_argument("--shots", type=int, default=2, help="asked of each")
     parser.add_argument("--photos", type=Path, help="photographs, as for fit_print.py")
     parser.add_argument("--renders", action="store_true", help="fresh YCB objects without depth")
+    parser.add_argument("--others", action="store_true", help="covers of another generator")
     parser.add_argument("--only", action="store_true", help="no generated covers and boxes")
     parser.add_argument("--cache", type=Path, help="folder for the evidence")
     args = parser.parse_args()
@@ -206,6 +229,8 @@ def main() -> None:
         parts["covers"] = lambda: covers(args.covers, seed, shots)
         parts["boxes"] = lambda: boxes(args.boxes, seed, shots, False)
         parts["siblings"] = lambda: boxes(args.boxes, seed, shots, True)
+    if args.others:
+        parts["others"] = lambda: other_covers(args.covers, seed, shots)
     if args.photos is not None:
         parts["photographs"] = lambda: photographs(args.photos, seed, shots)
     ways: dict[str, Callable[[Query], Decided]] = {

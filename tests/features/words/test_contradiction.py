@@ -48,6 +48,12 @@ def test_what_is_not_clearly_another_word_there_says_nothing(word):
     assert told(word) is None
 
 
+def test_letters_that_readers_take_for_each_other_say_nothing():
+    brand = Word("Arla", 0.99, (100.0, 60.0), 80.0, 20.0, 0.0)
+    assert told(seen(text="Aria"), stored=(brand,)) is None
+    assert told(seen(text="Oatly"), stored=(brand,)) is not None
+
+
 def test_nothing_read_says_nothing():
     assert told() is None
     assert told(seen(), stored=()) is None
