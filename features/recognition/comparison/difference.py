@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
+from features.imaging.exposure import has_colours
 from features.recognition.comparison.rendering import rendered_gap
 from features.recognition.comparison.windows import WindowMeans, flow_targets, window_means
 from features.recognition.views.picture import ViewPicture
@@ -100,6 +101,8 @@ class Comparison:
     framed_extent
         The same of the second object, where the first picture shows all of it and the matches
         span most of it; 0 elsewhere.
+    comparable_colours
+        Both pictures show colours, or neither does: else other colours are no place that differs.
     """
 
     correlation: NDArray[np.float32]
@@ -111,6 +114,7 @@ class Comparison:
     view_cell: NDArray[np.intp]
     extent: float
     framed_extent: float = 0.0
+    comparable_colours: bool = True
 
     @property
     def agrees(self) -> Mask:
@@ -169,6 +173,7 @@ def compare_pictures(
         view_cell=_view_cells(view, matrix, at, near, params),
         extent=_extent(hull, query),
         framed_extent=_framed_extent(hull, view, matrix, (width, height), params),
+        comparable_colours=has_colours(query.rgb) == has_colours(view.rgb),
     )
 
 

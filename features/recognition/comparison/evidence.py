@@ -326,7 +326,9 @@ def _largest_difference(comparison: Comparison, supported: NDArray[np.bool_]) ->
     """
     compared = supported if supported.any() else comparison.between
     against = comparison.textured & (comparison.correlation < 0.2)
-    against = compared & (against | (comparison.colour_gap > 18))
+    if comparison.comparable_colours:  # a monochrome camera sees no other flavour everywhere
+        against = against | (comparison.colour_gap > 18)
+    against = compared & against
     kernel = np.ones((2, 2), np.uint8)
     opened = cv2.morphologyEx(against.astype(np.uint8), cv2.MORPH_OPEN, kernel)
     count, _, stats, _ = cv2.connectedComponentsWithStats(np.asarray(opened, np.uint8))

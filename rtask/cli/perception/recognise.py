@@ -118,6 +118,8 @@ def recognise(
         elif row["outcome"] == "null" and row["views_untried"]:
             verdict += f", not decided: {row['views_untried']} stored views that share its print "
             verdict += "were left out; another view may decide"
+        if not row["accepted"]:
+            verdict = "; ".join((verdict, *row["lacks"]))
         pose = row["pose"]
         if pose is not None:
             verdict += f", pose {pose['confidence']:.2f}"
@@ -196,6 +198,7 @@ def _asked(
 ) -> list[dict[str, Any]]:
     """Ask a server about each object."""
     from features.codec import encode_frame
+    from features.imaging.exposure import lacking
 
     rows = []
     with connection(Path(), server) as client:
@@ -220,6 +223,7 @@ def _asked(
                     "ask_again": answer["ask_again"],
                     "in_other_light": answer["in_other_light"],
                     "views_untried": answer["views_untried"],
+                    "lacks": [] if crop.rgb is None else list(lacking(crop.rgb)),
                     "pose": None,
                     "matches": [
                         {
@@ -250,6 +254,8 @@ def _pose_row(pose: ObjectPose | None) -> dict[str, Any] | None:
 
 
 def _row(view: Seen) -> dict[str, Any]:
+    from features.imaging.exposure import lacking
+
     return {
         "label": view.label,
         "box_px": [view.crop.x0, view.crop.y0, *view.crop.depth_m.shape[::-1]],
@@ -263,6 +269,7 @@ def _row(view: Seen) -> dict[str, Any]:
         "ask_again": view.answer.ask_again,
         "in_other_light": view.answer.is_in_other_light,
         "views_untried": view.answer.views_untried,
+        "lacks": [] if view.crop.rgb is None else list(lacking(view.crop.rgb)),
         "pose": _pose_row(view.pose),
         "matches": [
             {

@@ -159,7 +159,7 @@ def fields_of(situation: Situation, max_grasps: int) -> dict[str, Any]:
             "family": situation.recognition.family,
             "ask_again": situation.recognition.ask_again,
             "views_untried": situation.recognition.views_untried,
-            "message": verdict(situation.recognition, situation.memory),
+            "message": verdict(situation.recognition, situation.memory, seen),
             **word_fields(situation.recognition),
             "matches": [
                 match_message(match, situation.memory) for match in situation.recognition.matches

@@ -145,7 +145,7 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
         ask_again=bool(recognition.ask_again),
         in_other_light=recognition.is_in_other_light,
         views_untried=recognition.views_untried,
-        message=verdict(recognition, memory),
+        message=verdict(recognition, memory, seen),
         **word_fields(recognition),
     )
 

@@ -113,8 +113,21 @@ def settle(
     )
 
 
-def verdict(recognition: Recognition, memory: Memory) -> str:
-    """Return in a sentence what was recognised, or why nothing was accepted."""
+def verdict(recognition: Recognition, memory: Memory, seen: Observation | None = None) -> str:
+    """Return in a sentence what was recognised, or why nothing was accepted.
+
+    Of a look that nothing was accepted for, ``seen`` says what its picture lacks: a dark one
+    resembles nothing, which does not mean that the object is not stored.
+    """
+    sentence = _verdict(recognition, memory)
+    if recognition.accepted or seen is None or seen.frame.rgb is None:
+        return sentence
+    from features.imaging.exposure import lacking
+
+    return "; ".join((sentence, *lacking(seen.frame.rgb)))
+
+
+def _verdict(recognition: Recognition, memory: Memory) -> str:
     if not recognition.matches:
         untried = recognition.views_untried
         if untried:
@@ -133,6 +146,8 @@ def verdict(recognition: Recognition, memory: Memory) -> str:
         return f"looks like {name}, but {told}"
     if recognition.differs:
         return f"looks like {name}, but differs {recognition.differs}"
+    if recognition.outcome == "null":
+        return f"resembles no stored object much; the nearest is {name}"
     if not recognition.ask_again:
         return f"may be {name}"
     if recognition.is_in_other_light:

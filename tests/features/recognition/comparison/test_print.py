@@ -124,6 +124,16 @@ def test_siblings_are_told_from_each_other(see, print_image, change: str) -> Non
         assert answer.matches[0].object_iri == name
 
 
+def test_a_monochrome_camera_shows_no_place_that_differs(
+    see, photograph_print, print_image
+) -> None:
+    recogniser = Recogniser(store(see, {"apple": sides(print_image(0), 3)}))
+    shot = photograph_print(print_image(0), yaw=0.7, tilt=0.55, distance=0.15, seed=4)
+    grey = np.asarray(cv2.cvtColor(shot.image, cv2.COLOR_RGB2GRAY), np.uint8)
+    answer = recogniser.recognise(describe_view(grey, shot.mask))
+    assert (answer.matches[0].object_iri, answer.family) == ("apple", "")
+
+
 def test_to_meet_no_rival_is_no_merit() -> None:
     def candidate(view: int, share: float) -> PrintedView:
         evidence = PrintEvidence(40, 0.3, 2.0, 0.8, 0.9, 0.0, 0.4, 9, share)

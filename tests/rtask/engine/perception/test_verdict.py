@@ -6,6 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from features.recognition.recogniser import Match, Recognition
@@ -39,6 +40,19 @@ def test_an_object_is_not_called_unlike_views_that_were_left_out() -> None:
         "resembles no object compared; not decided: 2 views that share its print were left out"
     )
     assert verdict(replace(nothing, views_untried=2), KNOWN) == left_out
+
+
+def test_what_resembles_nothing_much_may_not_be_the_nearest() -> None:
+    nearest = replace(_doubt(False, ask_again=False), outcome="null")
+    assert verdict(nearest, KNOWN) == "resembles no stored object much; the nearest is mug"
+
+
+def test_a_picture_that_shows_too_little_is_named_where_nothing_was_accepted() -> None:
+    night: Any = SimpleNamespace(frame=SimpleNamespace(rgb=np.full((40, 60, 3), 20, np.uint8)))
+    said = verdict(Recognition("null", False), KNOWN, night)
+    assert said.endswith("; the picture is dark; the picture has no colours")
+    sure = replace(_doubt(False), accepted=True)
+    assert verdict(sure, KNOWN, night) == "is mug"
 
 
 def test_what_no_look_would_decide_says_nothing_of_the_light() -> None:
