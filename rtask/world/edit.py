@@ -22,6 +22,7 @@ from rtask.world.identities.identity import Candidate, identify
 from rtask.world.identities.late import Then, inserted, is_same_place, then, was_seen_since
 from rtask.world.identities.pending import MOVED_RAD, PendingWorld
 from rtask.world.identities.seen import Look, Seen, in_order
+from rtask.world.identities.supports import NO_SUPPORT, Support, support_of, supports_at
 from rtask.world.placement import Placement, Relation
 from rtask.world.spots import Pose
 from rtask.world.standing import is_same_standing
@@ -31,7 +32,6 @@ from rtask.world.uncertainty import MOVED_M
 __all__ = ["MOVED_RAD", "Seen", "WorldEdit"]
 
 _CONFIRM_S = 60.0
-_NO_PLACE: tuple[Relation, str] = ("at", "")
 
 
 @dataclass
@@ -60,6 +60,7 @@ class WorldEdit(PendingWorld):
     _ended: set[str] = field(default_factory=set)
     _look: Look = field(default_factory=Look)
     _guessed: dict[str, list[str]] = field(default_factory=dict)
+    _supports: dict[float, list[Support]] = field(default_factory=dict)
 
     def see_all(self, look: Sequence[Seen]) -> list[str]:
         """State what was seen in one look; return the IRIs of the things, in its order.
@@ -131,15 +132,29 @@ class WorldEdit(PendingWorld):
         if last is not None and last.is_current and self.is_there(last, seen):
             self._confirm(last, seen.time_s)
             self._settle(last, seen.time_s)
+            if last.relation == "at":  # the table may have been described since
+                relation, place = self._support_of(seen, last)
+                if place:
+                    self.put(exemplar, relation, place, seen.time_s, seen.agent, was_carried=False)
             return exemplar
         if was_seen_since(last, seen.time_s):
             return exemplar
         stays = last is not None and last.is_current and self.stays(last, seen)
         # Seen where it was put, a thing stays in its box; only its pose is new.
-        relation, place = (last.relation, last.place) if last and stays else _NO_PLACE
+        relation, place = (
+            (last.relation, last.place) if last and stays else self._support_of(seen, last)
+        )
         self._close(exemplar, seen.time_s)
         self._open(self._seen_at(exemplar, seen, relation, place))
         return exemplar
+
+    def _support_of(self, seen: Seen, last: Placement | None) -> tuple[Relation, str]:
+        """Return what a thing stands on or lies in where it is seen now."""
+        if last is not None and last.is_current and last.relation == "held_by":
+            return NO_SUPPORT  # the hand may hold it still, just above the table
+        if seen.time_s not in self._supports:
+            self._supports[seen.time_s] = supports_at(self.world, seen.time_s)
+        return support_of(self.world, seen, self._supports[seen.time_s])
 
     def _seen_at(
         self, exemplar: str, seen: Seen, relation: Relation = "at", place: str = ""

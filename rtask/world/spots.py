@@ -92,11 +92,15 @@ class Spots:
         if placement is not None and self.is_exemplar(node):
             return self._of_exemplar(node, placement, depth)
         if self.world.kb.match(iri(node), RDF.type, RT.Frame):
-            return self._in_frame(node, node, np.eye(4), self.time_s)
+            return self.in_frame(node, node)
         for quad in self.world.kb.match(iri(node), RT.bodyFrame):
             if isinstance(quad.object, NamedNode):
-                return self._in_frame(node, quad.object.value, np.eye(4), self.time_s)
+                return self.in_frame(node, quad.object.value)
         return None
+
+    def in_frame(self, node: str, frame: str) -> Spot | None:
+        """Return the spot of what stands in the origin of a frame; None if that is not known."""
+        return self._in_frame(node, frame, np.eye(4), self.time_s)
 
     def placed(self, most: int) -> list[str]:
         """Return the things that have a place at this time, sorted, at most so many and one."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -71,7 +72,7 @@ def test_a_look_beside_the_box_ends_that_a_thing_is_in_it(places: Lab) -> None:
     cup = places.see(places.cup, 0.5, 0.1, 0)
     places.put(cup, "in", places.left_box, 20)
     places.see(places.cup, 0.5, -0.1, 30, exemplar=cup)
-    assert last(places, cup) == ("at", "", True)
+    assert last(places, cup) == ("on", "table", True)
     places.put(cup, "in", places.left_box, 40)
     above = places.seen(places.cup, 0.2, 0.3, 50, exemplar=cup)
     above.frame_from_exemplar[2, 3] = 0.6  # on a shelf above
@@ -104,6 +105,64 @@ def test_of_two_in_one_box_each_is_seen_once(places: Lab) -> None:
     assert {last(places, thing) for thing in seen} == {("in", "left%20box", True)}
     doubts = places.kb.world.doubts(seen[0])
     assert doubts == [(seen[1], 0.5)], "nobody knows which of the two is which"
+
+
+def at_height(lab: Lab, x: float, y: float, z: float, time_s: float, sigma_m: float = 0.004) -> str:
+    """See a cup at a height; return what it is on."""
+    seen = replace(lab.seen(lab.cup, x, y, time_s), sigma_m=sigma_m)
+    seen.frame_from_exemplar[2, 3] = z
+    edit = lab.edit()
+    thing = edit.see(seen)
+    lab.commit(edit, "nao-1")
+    return last(lab, thing)[1]
+
+
+def test_what_is_seen_over_a_table_no_higher_than_it_is_tall_stands_on_it(places: Lab) -> None:
+    places.kb.update(f"{PREFIXES} INSERT DATA {{ <{places.cup}> rt:extentZ 8.0e-2 }}")
+    assert at_height(places, 0.5, 0.1, 0.04, 0) == "table"
+    assert at_height(places, 0.68, 0.1, 0.04, 10) == "table"
+    assert at_height(places, 0.72, 0.1, 0.04, 20) == ""  # beside it
+    assert at_height(places, 0.5, -0.2, 0.2, 30) == ""  # in a hand, or on something else
+    assert at_height(places, 0.4, -0.1, 0.04, 40, sigma_m=0.2) == ""  # anywhere about the table
+
+
+def test_a_box_on_the_table_is_nearer_to_what_is_in_it_than_the_table(
+    lab: Lab, engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rtask.engine.records.workplace.time", lambda: lab.noon - 60.0)
+    given = [surface("tray", 0.4, 0.0, 0.2, 0.03), surface("table", 0.4, 0.0, 0.6)]
+    engine.call("register_robot", {**NAO, "places": given})
+    assert last(lab, lab.see(lab.cup, 0.45, 0.05, 0)) == ("in", "tray", True)
+    assert last(lab, lab.see(lab.cup, 0.6, 0.05, 10)) == ("on", "table", True)
+
+
+def test_of_two_robots_that_described_one_table_each_sees_things_on_its_own(lab: Lab) -> None:
+    frame = f"{BASE}robot/nao-1/frame/base"
+    for robot in ("nao-1", "panda-2"):
+        lab.kb.update(
+            f"{PREFIXES} INSERT DATA {{ <{BASE}robot/{robot}/place/table> a rt:SupportSurface ; "
+            f"rt:bodyFrame <{frame}> ; rt:surfaceLength 2.0e0 ; rt:surfaceWidth 2.0e0 }}"
+        )
+    by_nao = replace(lab.seen(lab.cup, 0.5, 0.1, 0), robot=f"{BASE}robot/nao-1")
+    by_other = replace(lab.seen(lab.cup, 0.5, 0.6, 10), robot=f"{BASE}robot/ur-3")
+    for seen, place in ((by_nao, f"{BASE}robot/nao-1/place/table"), (by_other, "")):
+        edit = lab.edit()
+        thing = edit.see(seen)
+        lab.commit(edit, "nao-1")
+        placement = lab.kb.world.last_placement(thing)
+        assert placement is not None
+        assert placement.place == place
+
+
+def test_a_table_that_is_described_later_has_what_is_seen_there_again(
+    lab: Lab, engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cup = lab.see(lab.cup, 0.5, 0.1, 0)
+    assert last(lab, cup) == ("at", "", True)
+    monkeypatch.setattr("rtask.engine.records.workplace.time", lambda: lab.noon + 5.0)
+    engine.call("register_robot", {**NAO, "places": [surface("table", 0.4, 0.0, 0.6)]})
+    assert lab.see(lab.cup, 0.5, 0.1, 10) == cup
+    assert last(lab, cup) == ("on", "table", True)
 
 
 def test_where_nobody_knows_a_place_only_what_was_seen_contradicts_it(lab: Lab) -> None:
