@@ -15,9 +15,10 @@ from rtask.engine.records.places import Sighting, may_have_moved, state_frame_of
 from rtask.engine.records.task_tree import place_iri
 from rtask.engine.triples import Triples
 from rtask.rdf.namespaces import RT
-from rtask.rdf.terms import NamedNode, object_term, python_value
+from rtask.rdf.terms import NamedNode, iri, object_term, python_value
 from rtask.world import Relation, WorldEdit
 from rtask.world.edit import Seen
+from rtask.world.statements import Statement
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -103,7 +104,23 @@ def move_exemplar(
     name = outcome.report.place or ""
     place = place_iri(gripper.robot, name) if name else None
     left = Left(gripper.iri, outcome.held, outcome.placed, place, name)
+    if outcome.held:
+        edit.statements += _reached(edit, exemplar, gripper.robot, ended.timestamp())
     leave_exemplar(edit, exemplar, left, ended.timestamp(), gripper.robot, source)
+
+
+def _reached(edit: WorldEdit, exemplar: str, robot: NamedNode, time_s: float) -> list[Statement]:
+    """Return that a robot reaches the table or box from which it has taken a thing.
+
+    That its hand got there stays so, even if somebody finds that it held nothing.
+    """
+    before = edit.place_by(exemplar, time_s)
+    if before is None or before.relation not in ("on", "in") or not before.holds_at(time_s):
+        return []
+    if edit.world.product_of(before.place):  # a tray is carried about
+        return []
+    reached: Statement = (robot, RT.reaches, iri(before.place))
+    return [] if edit.world.kb.match(*reached) else [reached]
 
 
 def leave_exemplar(

@@ -165,9 +165,14 @@ def resolve_grasp(
             return grasp.iri, False
     if grasp.in_object is None:
         name = grasp.id or "without an id"
-        raise UnknownTermError(
-            f"grasp {name} is not a grasp of {object_iri.value}, and its pose is missing"
-        )
+        is_posed = grasp.in_frame is not None or grasp.frame_from_gripper is not None
+        lacking = "its pose is missing"
+        if is_posed:
+            lacking = (
+                "nothing says where the object stood, on which its pose depends; give the "
+                "task_id of a decision, or the pose on the object as grasp.in_object"
+            )
+        raise UnknownTermError(f"grasp {name} is not a grasp of {object_iri.value}, and {lacking}")
     same = find_grasp(context, object_iri, gripper_type, grasp)
     if same is not None:
         return same, False
