@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rtask.rdf.namespaces import PREFIXES
-from rtask.rdf.terms import iri
-from rtask.sparql.results import Row
+from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import NamedNode, iri, python_value
 from rtask.world.identities.seen import Seen
 from rtask.world.placement import Relation
-from rtask.world.spots import Spots
+from rtask.world.spots import Spots, size_of
 from rtask.world.state import WorldState
 from rtask.world.uncertainty import Spread
 
@@ -32,13 +31,6 @@ _UNKNOWN_HEIGHT_M = 0.3
 """Of a thing whose size nobody has stored."""
 _SAME_HEIGHT_M = 0.05
 """The floor of a box that stands on a table is the table, or so much above it."""
-_SUPPORTS = f"""{PREFIXES}
-SELECT DISTINCT ?node ?frame ?length ?width (COALESCE(?stated, 0.0e0) AS ?rim) WHERE {{
-  ?node rt:surfaceLength ?length ; rt:surfaceWidth ?width ; rt:bodyFrame ?frame
-  OPTIONAL {{ ?node rt:rimHeight ?stated }}
-}}"""
-_EXTENTS = f"""{PREFIXES}
-SELECT ?x ?y ?z WHERE {{ %s rt:extentX ?x ; rt:extentY ?y ; rt:extentZ ?z }}"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,24 +74,15 @@ class Support:
 
 
 def supports_at(world: WorldState, time_s: float) -> list[Support]:
-    """Return the tables and boxes whose place and size are known at a time.
-
-    Where two sizes are stated of one, neither is taken.
-    """
-    spots, supports = Spots(world, time_s), dict[str, Support | None]()
-    for row in world.kb.select(_SUPPORTS):
-        node = str(row.value("node"))
-        spot = spots.in_frame(node, str(row.value("frame")))
-        size = (_metres(row, "length"), _metres(row, "width"), _metres(row, "rim"))
-        is_known = spot is not None and node not in supports
-        supports[node] = (
-            Support(node, spot.root, spot.root_from_node, size) if spot and is_known else None
-        )
-    return [support for support in supports.values() if support is not None]
-
-
-def _metres(row: Row, name: str) -> float:
-    return float(str(row.value(name)))
+    """Return the tables and boxes whose place and size are known at a time."""
+    spots, supports = Spots(world, time_s), list[Support]()
+    stated = {quad.subject for quad in world.kb.match(None, RT.surfaceLength)}
+    for node in sorted(subject.value for subject in stated if isinstance(subject, NamedNode)):
+        size = size_of(world.kb, node)
+        spot = None if size is None else spots.of(node)
+        if size is not None and spot is not None:
+            supports.append(Support(node, spot.root, spot.root_from_node, size))
+    return supports
 
 
 def support_of(world: WorldState, seen: Seen, supports: Sequence[Support]) -> tuple[Relation, str]:
@@ -115,11 +98,9 @@ def support_of(world: WorldState, seen: Seen, supports: Sequence[Support]) -> tu
         return NO_SUPPORT
     position = (there.poses[-1] @ seen.frame_from_exemplar)[:3, 3]
     sigma_m = float(np.sqrt(seen.sigma_m**2 + there.variances_m2[-1]))
-    height_m = _height_of(world, seen.product) + _NOISE_M
-    holding = [
-        support for support in supports
-        if support.root == there.root and support.holds(position, sigma_m, height_m)
-    ]  # fmt: skip
+    beside = [support for support in supports if support.root == there.root]
+    height_m = _height_of(world, seen.product) + _NOISE_M if beside else 0.0
+    holding = [support for support in beside if support.holds(position, sigma_m, height_m)]
     top_m = max((support.root_from_node[2, 3] for support in holding), default=0.0)
     upper = [s for s in holding if top_m - s.root_from_node[2, 3] <= _SAME_HEIGHT_M]
     least_m2 = min((support.area_m2 for support in upper), default=0.0)
@@ -131,6 +112,10 @@ def support_of(world: WorldState, seen: Seen, supports: Sequence[Support]) -> tu
 
 def _height_of(world: WorldState, product: str) -> float:
     """Return how high above its support the origin of a thing can be at most, m."""
-    rows = list(world.kb.select(_EXTENTS % iri(product)))
-    extents = [_metres(row, name) for row in rows for name in ("x", "y", "z")]
-    return max(extents, default=_UNKNOWN_HEIGHT_M)
+    extents = [
+        max((float(str(python_value(q.object))) for q in world.kb.match(iri(product), term)),
+            default=None)
+        for term in (RT.extentX, RT.extentY, RT.extentZ)
+    ]  # fmt: skip
+    known = [extent for extent in extents if extent is not None]
+    return max(known) if len(known) == len(extents) else _UNKNOWN_HEIGHT_M
