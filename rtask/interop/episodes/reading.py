@@ -13,6 +13,7 @@ from pyoxigraph import NamedNode, Quad, RdfFormat, parse
 from rtask.errors import DataError, ForbiddenError, UsageError
 from rtask.interop.episodes.demonstrations import is_dataset, read_demonstrations
 from rtask.interop.episodes.episode import blobs_of
+from rtask.interop.episodes.plausible import check_episodes
 from rtask.interop.episodes.recording import BLOBS_TOPIC, RECORDING, STATEMENTS_TOPIC, Written
 
 if TYPE_CHECKING:
@@ -42,7 +43,10 @@ def read_episodes(kb: GraphCore, path: Path, access: Access | None = None) -> Wr
     Raises
     ------
     DataError
-        It is no such file, or binary data is missing or does not match its name.
+        It is no such file, binary data is missing or does not match its name, or it says what
+        cannot be so (:mod:`~rtask.interop.episodes.plausible`).
+    ConflictError
+        It says otherwise than what is stored of an attempt.
     ForbiddenError
         It speaks in the name of another than whose graph it is in, or than the importing robot.
     """
@@ -76,6 +80,7 @@ def read_episodes(kb: GraphCore, path: Path, access: Access | None = None) -> Wr
         raise DataError(f"{path}: {len(missing)} binary data are missing, {missing[0]} first")
     owned = list(_owned_here(kb, quads))
     _check_names(kb, quads, owned, access)
+    check_episodes(kb, owned)
     for data in blobs.values():
         kb.blobs.put(data)
     with kb.transaction(note=f"episodes of {path.name}", access=access) as transaction:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from pyoxigraph import RdfFormat, serialize
 
-from rtask.errors import UsageError
+from rtask.errors import DataError, UsageError
 from rtask.interop.episodes.episode import Episode, blobs_of, statements_of
 from rtask.interop.episodes.motion import Motion
 from rtask.interop.episodes.situation import Situation, situations_of
@@ -34,6 +34,8 @@ RECORDING = "rtask/episodes.mcap"
 STATEMENTS_TOPIC, BLOBS_TOPIC, _EPISODES = "/rtask/statements", "/rtask/blobs", "/rtask/episodes"
 _SUFFIXES = (".mcap", ".bag")
 _NS = 1_000_000_000
+_MAX_S = 2**31
+"""Seconds of a header are 32 bits, of which ROS 2 has one for the sign."""
 _TF_KIND = "tf2_msgs/msg/TFMessage"
 _TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms"
 
@@ -156,6 +158,8 @@ def write_episodes(
     ------
     UsageError
         A description is given for several robots, the file exists, or its extension is another.
+    DataError
+        An attempt ended before 1970 or after 2038.
     MissingBlobError
         Binary data that a statement names is not in the graph's store.
     """
@@ -169,6 +173,7 @@ def write_episodes(
     robots = sorted({episode.robot_name for episode in episodes})
     if urdf and len(robots) > 1:
         raise UsageError(f"a description is that of one robot, and there are {', '.join(robots)}")
+    _require_statable(episodes)
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -193,6 +198,16 @@ def write_episodes(
         (made,) = folder.rglob(f"*{path.suffix}")
         made.replace(path)
     return written
+
+
+def _require_statable(episodes: Iterable[Episode]) -> None:
+    """Refuse attempts at times that no header of ROS can state."""
+    for episode in episodes:
+        if not 0 <= episode.ended.timestamp() < _MAX_S:
+            raise DataError(
+                f"{episode.attempt} ended at {episode.ended.isoformat()}, and the times of a "
+                "recording are from 1970 to 2038: leave it out with --select"
+            )
 
 
 def _write(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,14 +18,14 @@ from features.codec import decode
 from features.geometry import Frame
 from features.imaging.recordings import views_of
 from rtask.cli.episodes import episodes as command
-from rtask.errors import DataError, ForbiddenError, MissingBlobError, UsageError
+from rtask.errors import ConflictError, DataError, ForbiddenError, MissingBlobError, UsageError
 from rtask.interop.episodes.episode import blobs_of, episodes_of, statements_of
 from rtask.interop.episodes.reading import read_episodes
 from rtask.interop.episodes.recording import write_episodes
 from rtask.interop.episodes.situation import situations_of
 from rtask.kb.commit.access import Access
-from rtask.rdf.namespaces import RT
-from rtask.rdf.terms import NamedNode, Quad
+from rtask.rdf.namespaces import PROV, RT, reason
+from rtask.rdf.terms import NamedNode, Quad, literal, moment
 
 
 def fill_store(bench, robots):
@@ -306,3 +307,43 @@ def test_a_file_cannot_speak_for_another_robot(told, kb, tmp_path, base):
         read_episodes(other, tmp_path / f"all-{len(base)}.mcap")
         with pytest.raises(ForbiddenError, match=r"an unsigned graph cannot state .*'nao-[12]'"):
             read_episodes(other, tmp_path / "b.mcap")
+
+
+OTHERWISE = (
+    (PROV.endedAtTime, "2099-01-01T00:00:00Z", DataError, "s ahead of the clock here"),
+    (RT.atTime, "2099-01-01T00:00:00Z", DataError, "s ahead of the clock here"),
+    (PROV.endedAtTime, "1970-01-01T00:00:01Z", ConflictError, "one attempt has one outcome"),
+    (RT.success, True, DataError, "does not fit a success"),
+    (RT.hasReason, reason("ok"), DataError, "not fit a failure"),
+    (RT.x, 5.0, DataError, "more than 4 m from the object"),
+    (RT.x, float("nan"), DataError, "expected a finite number"),
+    (RT.contactWidth, 3.0, DataError, "expected 0 to 1 m"),
+    (RT.jawOpening, -0.1, DataError, "expected 0 to 1 m"),
+)
+
+
+@pytest.mark.slow
+def test_a_file_that_says_what_cannot_be_so_or_contradicts_what_is_stored_changes_nothing(
+    told, kb, tmp_path
+):
+    found = episodes_of(kb, robot="nao-1")
+    for number, (predicate, value, error, words) in enumerate(OTHERWISE):
+        given = moment(value) if isinstance(value, str) else value
+        said = given if isinstance(given, NamedNode) else literal(given)
+
+        def swap(quad, predicate=predicate, said=said):
+            return [Quad(quad[0], quad[1], said, quad[3]) if quad[1] == predicate else quad]
+
+        _tampered(tmp_path / f"{number}.mcap", kb, found, swap)
+        before = kb.seq
+        with pytest.raises(error, match=words):
+            read_episodes(kb, tmp_path / f"{number}.mcap")
+        assert kb.seq == before, predicate
+
+
+@pytest.mark.slow
+def test_an_attempt_at_a_time_that_no_header_can_state_is_named(told, kb, tmp_path):
+    late = [replace(one, ended=moment("2099-01-01T00:00:00Z")) for one in episodes_of(kb)]
+    with pytest.raises(DataError, match="times of a recording are from 1970 to 2038"):
+        write_episodes(kb, late, tmp_path / "late.mcap")
+    assert not (tmp_path / "late.mcap").exists()
