@@ -9,6 +9,7 @@ import httpx
 import pytest
 from websockets.sync.client import connect
 
+from ontology import PREFIXES
 from rtask.rdf.namespaces import owned_uuid7
 from tests.servers import RunningServer
 
@@ -196,3 +197,30 @@ def test_no_way_in_lets_a_robot_name_the_hand_or_the_task_of_another(
             refused = json.loads(robot.recv(timeout=60))
             assert (refused["result"], refused["status"]) == (False, 403)
             assert full_id in refused["values"]
+
+
+def test_neither_a_job_nor_a_branch_nor_a_load_names_another_robot(
+    nao_1: httpx.Client, nao_2: httpx.Client, base: str
+) -> None:
+    for robot, name in ((nao_1, "nao-1"), (nao_2, "nao-2")):
+        robot.post("/engine/register_robot", json={"name": name, **ROBOT})
+    hand = f"{base}robot/nao-1/right_hand"
+    failed = {"success": False, "reason": "missed", "object": f"{base}object/1"}
+    made = nao_2.post(
+        "/services/rtask/Engine/report_outcome", json={**failed, "gripper_id": hand},
+        headers={"Prefer": "respond-async"},
+    )  # fmt: skip
+    assert made.status_code == 202, made.text
+    ended = nao_2.get(made.json()["href"], params={"wait": 60}).json()
+    assert ended["state"] == "failed"
+    assert hand in json.dumps(ended)
+    named = f"<urn:grasp> <{PREFIXES['rt']}performedBy> <{base}robot/nao-1>"
+    own = quote(graph_of(base, "nao-2"), safe="")
+    nao_2.post("/branches", json={"name": "mine"}).raise_for_status()
+    ways = {
+        "branch": nao_2.post("/update?branch=mine", data={"update": f"INSERT DATA {{ {named} }}"}),
+        "load": nao_2.post(f"/store?graph={own}", content=f"{named} .", headers=TURTLE),
+    }
+    for way, answer in ways.items():
+        assert answer.status_code == 403, (way, answer.text)
+        assert "which is 'nao-1'" in answer.json()["detail"]

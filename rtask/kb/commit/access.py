@@ -26,13 +26,16 @@ Role: TypeAlias = OneOf["reader", "robot", "teacher", "admin", "anonymous"]
 RIGHTS = frozenset(("rules", "replicate", "deploy", "schema"))
 _READ = "read:"
 _GRAPH = re.compile(r"read:[A-Za-z][A-Za-z0-9+.\-]*:[^\s<>\"{}|\\^`\x00-\x20]+")
+_DOERS = {
+    # The last one implies prov:wasAttributedTo, so that it names a doer all the same.
+    "rt": "performedBy activates heldBy acquiredBy knownBy calibratesHand refusedWith graphOwner",
+    "prov": "wasAssociatedWith wasAttributedTo agent actedOnBehalfOf",
+    "sosa": "madeBySensor",
+}
 _DONE_BY = frozenset(
-    (
-        *(ontology.PREFIXES["rt"] + name for name in ("performedBy", "activates")),
-        *(ontology.PREFIXES["prov"] + name for name in ("wasAssociatedWith", "wasAttributedTo")),
-    )
+    ontology.PREFIXES[prefix] + name for prefix, names in _DOERS.items() for name in names.split()
 )
-"""Properties whose value is who did something, or the hand that it was done with."""
+"""Properties whose value is who did, saw or answers for something, or the hand or camera used."""
 _ROLES = ("reader", "robot", "teacher", "admin", "anonymous")
 
 

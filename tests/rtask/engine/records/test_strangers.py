@@ -251,13 +251,21 @@ def test_a_robot_cannot_answer_the_refusal_of_another(bench, robots):
         robots("nao-2").call("report_refusal", **answer)
 
 
-@pytest.mark.parametrize("predicate", ["rt:performedBy", "rt:activates", "prov:wasAssociatedWith"])
+@pytest.mark.parametrize(
+    "predicate",
+    [
+        "rt:performedBy", "rt:activates", "rt:heldBy", "rt:acquiredBy", "rt:knownBy",
+        "rt:calibratesHand", "rt:refusedWith", "rt:graphOwner", "sosa:madeBySensor",
+        "prov:wasAssociatedWith", "prov:wasAttributedTo", "prov:agent", "prov:actedOnBehalfOf",
+    ],
+)  # fmt: skip
 def test_an_update_cannot_say_that_another_robot_did_it(engine, robots, predicate):
     robots("nao-1"), robots("nao-2")
     kb = engine.kb
     own, other = kb.graphs.agent_iri("nao-2"), kb.graphs.agent_iri("nao-1")
     for named, is_refused in ((own, False), (other, True), (f"<{other.value}/right_hand>", True)):
         text = f"""PREFIX rt: <{ontology.PREFIXES["rt"]}> PREFIX prov: <http://www.w3.org/ns/prov#>
+PREFIX sosa: <{ontology.PREFIXES["sosa"]}>
 INSERT DATA {{ <urn:what> {predicate} {named} }}"""
         if is_refused:
             with pytest.raises(ForbiddenError, match=r"belongs to 'nao-2'.*which is 'nao-1'"):
