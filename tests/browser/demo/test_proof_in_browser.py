@@ -21,6 +21,8 @@ from tests.simulate.demo.test_proof import result_of_a_proof
 
 pytestmark = pytest.mark.slow
 
+PHONE = {"width": 390, "height": 844}
+
 
 @pytest.fixture
 def stage(tmp_path: Path) -> Iterator[Stage]:
@@ -89,10 +91,43 @@ def test_no_file_beside_the_report_is_given_away(stage: Stage, tmp_path: Path) -
         assert httpx.get(f"{stage.url}report/{name}").status_code == 404
 
 
+def test_the_end_is_picked_and_the_report_opened_by_keyboard_alone_on_a_phone(
+    stage: Stage, page: Any, tmp_path: Path
+) -> None:
+    page.set_viewport_size(PHONE)
+    page.goto(stage.url)
+    for name in ("the left end", "the right end"):
+        page.keyboard.press("Tab")
+        assert page.evaluate("document.activeElement.textContent") == name
+    page.keyboard.press("Shift+Tab")
+    page.keyboard.press("Enter")
+    assert stage.wait(60) == "left"
+    page.get_by_text("The left end is weak.").wait_for()
+    (tmp_path / "report").mkdir()
+    write_proof(tmp_path / "report", result_of_a_proof())
+    stage.finish()
+    page.get_by_role("heading", name="The report").wait_for()
+    assert_fits(page)
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    page.get_by_role("heading", name="The teachers").wait_for()
+    page.get_by_role("heading", name="nao-1 is withdrawn, and comes back").wait_for()
+    assert_fits(page)
+
+
+def assert_fits(page: Any) -> None:
+    """Nothing is wider than the screen."""
+    wide = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
+    assert wide <= 0
+
+
 @pytest.mark.deep
 @pytest.mark.night
 @pytest.mark.timeout(900)
-def test_a_proof_runs_with_the_end_that_was_picked_in_a_browser(page: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("end", "is_by_keyboard"), [("right", False), ("left", True)])
+def test_a_proof_runs_with_the_end_that_was_picked_in_a_browser(
+    page: Any, tmp_path: Path, end: str, is_by_keyboard: bool
+) -> None:
     command = [sys.executable, "-m", "rtask", "demo", "--proof", "--page", "--json"]
     command += ["--data", str(tmp_path / "proof")]
     with (
@@ -107,11 +142,23 @@ def test_a_proof_runs_with_the_end_that_was_picked_in_a_browser(page: Any, tmp_p
         assert address is not None
         draining = threading.Thread(target=shutil.copyfileobj, args=(running.stderr, later))
         draining.start()  # a full pipe would stop the proof
+        if is_by_keyboard:
+            page.set_viewport_size(PHONE)
         page.goto(address[0])
-        page.get_by_role("button", name="the right end").click()
+        if is_by_keyboard:
+            page.keyboard.press("Tab")  # to the left end, which is the first
+            page.keyboard.press("Enter")
+        else:
+            page.get_by_role("button", name=f"the {end} end").click()
         result = json.loads(running.stdout.readline())
-        page.frame_locator("iframe").get_by_role("heading", name="The teachers").wait_for()
+        said = page.get_by_role("log").inner_text()
+        report = page.frame_locator("iframe")
+        report.get_by_role("heading", name="The teachers").wait_for()
+        points = report.get_by_role("listitem").all_inner_texts()
         running.terminate()
         draining.join()
-    assert result["weak"] == "right"
-    assert len(result["points"]) == 6
+    assert result["weak"] == end
+    assert points == [f"yes {point['text']}" for point in result["points"]]
+    assert len(points) == 6
+    for words in ("withdrawn", "undone", "failed", "held; grasp from memory"):
+        assert words in said, said
