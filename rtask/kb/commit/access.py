@@ -28,7 +28,7 @@ _READ = "read:"
 _GRAPH = re.compile(r"read:[A-Za-z][A-Za-z0-9+.\-]*:[^\s<>\"{}|\\^`\x00-\x20]+")
 _DOERS = {
     # The last one implies prov:wasAttributedTo, so that it names a doer all the same.
-    "rt": "performedBy activates heldBy acquiredBy knownBy calibratesHand refusedWith graphOwner",
+    "rt": "performedBy activates acquiredBy knownBy calibratesHand refusedWith graphOwner",
     "prov": "wasAssociatedWith wasAttributedTo agent actedOnBehalfOf",
     "sosa": "madeBySensor",
 }

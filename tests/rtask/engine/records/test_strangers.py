@@ -254,7 +254,7 @@ def test_a_robot_cannot_answer_the_refusal_of_another(bench, robots):
 @pytest.mark.parametrize(
     "predicate",
     [
-        "rt:performedBy", "rt:activates", "rt:heldBy", "rt:acquiredBy", "rt:knownBy",
+        "rt:performedBy", "rt:activates", "rt:acquiredBy", "rt:knownBy",
         "rt:calibratesHand", "rt:refusedWith", "rt:graphOwner", "sosa:madeBySensor",
         "prov:wasAssociatedWith", "prov:wasAttributedTo", "prov:agent", "prov:actedOnBehalfOf",
     ],
