@@ -19,6 +19,8 @@ _DIGEST = re.compile(r"[0-9a-f]{40,}")
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.\d+)?(Z|[+-]\d\d:\d\d)?")
 _PART = re.compile(r"\[([^\[\]]*)\]|\{(\w+)\?([^|{}]*)\|((?:[^{}]|\{\w+\})*)\}|\{(\w+)(\*?)\}")
 _VARIABLE = re.compile(r"\{(\w+)")
+_COUNTED = re.compile(r"\{(\w+)\} (attempt|time|view|grasp)s\b")
+"""A number and what it counts, of which there may be one."""
 
 
 def names_of(select: Select, terms: Iterable[Term | None]) -> dict[Term, str]:
@@ -142,6 +144,12 @@ def _clause(
 
 
 def _filled(template: str, word: Callable[[str], str]) -> str:
+    """Return a template with its words.
+
+    >>> _filled("{robot} tried {n} times", {"robot": "nao-1", "n": "1"}.__getitem__)
+    'nao-1 tried 1 time'
+    """
+
     def part(match: re.Match[str]) -> str:
         optional, asked, yes, no, name, _ = match.groups()
         if optional is not None:
@@ -151,7 +159,11 @@ def _filled(template: str, word: Callable[[str], str]) -> str:
             return _filled(yes if word(asked) == "yes" else no, word)
         return word(name) or "?"
 
-    return _PART.sub(part, template)
+    def counted(match: re.Match[str]) -> str:
+        name, noun = match.groups()
+        return f"{{{name}}} {noun if word(name) == '1' else noun + 's'}"
+
+    return _PART.sub(part, _COUNTED.sub(counted, template))
 
 
 def _listed(
