@@ -26,6 +26,7 @@ from rtask.engine.names import slug, tail
 from rtask.engine.observation import Observation
 from rtask.engine.operations.operation import operation
 from rtask.engine.perception.growth import grow, old_models, state_model
+from rtask.engine.perception.identity import weakness
 from rtask.engine.perception.poses import note_heading
 from rtask.engine.records.clock import clocked
 from rtask.engine.records.exemplars import see_exemplar
@@ -105,7 +106,8 @@ class InsertedObject(Answer):
     resembles: Resembled | None = None
     """the stored object that a new one may be: another view decides; absent without one"""
     message: str = ""
-    """both in words, and what was wrong with the robot's clock; empty if nothing is to be said"""
+    """both in words, what was wrong with the robot's clock, and that a view shows hardly any print;
+    empty if nothing is to be said"""
 
 
 class Inserted(Answer):
@@ -278,8 +280,9 @@ class _Writer:
             is_new,
             features,
         )
-        remark = wrong or (prepared.outcome.clock if prepared.outcome else "")
-        message = {"message": remark} if remark else {}
+        clock = wrong or (prepared.outcome.clock if prepared.outcome else "")
+        remarks = [remark for remark in (clock, weakness(prepared.seen)) if remark]
+        message = {"message": "; ".join(remarks)} if remarks else {}
         return {**entry, "thing": handled, **self._resembled(prepared, object_iri), **message}
 
     def _see(

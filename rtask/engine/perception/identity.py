@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from rtask.engine.networks.embeddings import Embeddings
     from rtask.engine.networks.printed_words import PrintedWords
 
-__all__ = ["has_rivals", "is_plausible", "recognise", "settle", "verdict"]
+__all__ = ["has_rivals", "is_plausible", "recognise", "settle", "verdict", "weakness"]
+
+_FEW_KEYPOINTS = 12
+"""Of a view: half of them match at best, and six matches are the least that is compared."""
 
 
 def recognise(
@@ -153,6 +156,23 @@ def _verdict(recognition: Recognition, memory: Memory) -> str:
     if recognition.is_in_other_light:
         return f"may be {name} in another light; a view stored in this light may decide"
     return f"may be {name}; another view may decide"
+
+
+def weakness(seen: Observation) -> str:
+    """Return in a sentence why a stored view will hardly be recognised, empty where it may be.
+
+    Without depth print decides alone: a view without any is stored, and never found again.
+    """
+    count = len(seen.features)
+    if count >= _FEW_KEYPOINTS or np.isfinite(seen.features.size_m) or seen.frame.rgb is None:
+        return ""
+    from features.imaging.exposure import lacking
+
+    sentence = (
+        f"hardly any print is seen ({count} keypoint{'' if count == 1 else 's'}), and without "
+        "depth nothing else is recognised: store another picture"
+    )
+    return "; ".join((sentence, *lacking(seen.frame.rgb)))
 
 
 def is_plausible(remembered: RememberedObject, seen: Observation, policy: Policy) -> bool:

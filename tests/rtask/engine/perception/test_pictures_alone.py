@@ -25,6 +25,13 @@ def box_frame(bench):
     return bench.look(bench.BOX, bench.Eye())
 
 
+def test_a_picture_without_print_is_stored_with_a_warning(robots):
+    night = np.full((120, 160, 3), 12, np.uint8)
+    (entry,) = robots().call("insert_object", objects=[{"image": jpeg(night)}])["objects"]
+    assert entry["message"].startswith("hardly any print is seen (0 keypoints)")
+    assert "the picture is dark" in entry["message"]
+
+
 def test_an_image_alone_is_stored_and_found_again(engine, bench, robots, box_frame):
     robot = robots()
     rle = encode_rle(box_frame.mask)
