@@ -21,6 +21,7 @@ from rtask.tasks.language.items import Items, read_items
 from rtask.tasks.language.lexicon import ADJECTIVES, CLASSES, GRASP, NUMBERS, PUT, expanded
 from rtask.tasks.language.meaning import Condition
 from rtask.tasks.language.slips import MAX_SLIPS, mistyped
+from rtask.tasks.language.slots.proposals import Proposal, propose
 from rtask.tasks.language.times import deadline_in
 
 __all__ = ["MAX_TEXT", "Understood", "read_goal"]
@@ -102,8 +103,51 @@ def read_goal(
     if not text.strip() or len(text) > MAX_TEXT:
         raise UsageError(f"a goal has 1 to {MAX_TEXT} characters, not {len(text)}")
     plain, deadline = deadline_in(text, now or datetime.datetime.now(datetime.UTC))
-    understood = _read(select, expanded(plain), base, MAX_SLIPS)
+    plain = expanded(plain)
+    try:
+        understood = _read(select, plain, base, MAX_SLIPS)
+    except (UsageError, UnknownTermError) as error:
+        understood = _second_reading(select, plain, base, deadline is not None, error)
     return replace(understood, deadline=deadline)
+
+
+def _second_reading(
+    select: Select, text: str, base: str, has_deadline: bool, error: UsageError | UnknownTermError
+) -> Understood:
+    """Return what a refused sentence says if each of its words is accounted for.
+
+    Raises
+    ------
+    UsageError, UnknownTermError
+        It does not, with ``proposals`` in the details if a sentence that is understood is near.
+    """
+    items = read_items(select, text, base)
+    proposal = None if readings(items) else propose(items)
+    if proposal is None:
+        raise error
+    try:
+        understood = _read(select, proposal.sentence, base, 0)
+    except (UsageError, UnknownTermError):
+        raise error from None
+    if proposal.left_out:
+        if has_deadline:
+            proposal = replace(proposal, left_out=(*proposal.left_out, "by when"))
+        raise _with_proposal(error, proposal, understood)
+    remark = f"read as {proposal.sentence!r}"
+    return replace(understood, remarks=(remark, *understood.remarks))
+
+
+def _with_proposal(
+    error: UsageError | UnknownTermError, proposal: Proposal, understood: Understood
+) -> UsageError | UnknownTermError:
+    """Return an error that says what a sentence can have meant."""
+    proposed = {
+        "sentence": proposal.sentence,
+        "left_out": list(proposal.left_out),
+        "understood": [aim.text for aim in understood.aims],
+    }
+    return type(error)(f"{error}. Did you mean {proposal.text}?",
+                       **{**error.details, "proposals": [proposed]})  # fmt: skip
 
 
 def _read(select: Select, text: str, base: str, slips: int) -> Understood:

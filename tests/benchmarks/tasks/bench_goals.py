@@ -4,7 +4,9 @@
 
 reads the lists of ``tests/benchmarks/tasks/goals``: a sentence a line, and behind a tab where its
 writer wants each thing in the end (:func:`tests.benchmarks.tasks.goals_lab.differences`), or ``X``
-where it is to be refused. Each is planned in a made-up lab of twelve things. ``--all`` prints the
+where it is to be refused. Where a refused sentence is answered with a proposal, that is judged
+instead; it is never carried out, so that one for a sentence to be refused is no fault of the reader,
+but counted. Each is planned in a made-up lab of twelve things. ``--all`` prints the
 right ones, too.
 """
 
@@ -19,7 +21,10 @@ from rtask.knowledge_base import KnowledgeBase
 from tests.benchmarks.tasks.goals_lab import differences, open_lab
 
 GOALS = Path(__file__).with_name("goals")
-RESULTS = ("right", "refused", "taken for another goal", "rightly refused")
+RESULTS = (
+    "right", "refused", "taken for another goal", "rightly refused", "right proposal",
+    "wrong proposal",
+)  # fmt: skip
 
 
 def main() -> None:
@@ -34,7 +39,7 @@ def main() -> None:
             for sentence, expected in sentences(path):
                 result, why = judged(lab, sentence, expected)
                 tally[result] += 1
-                if given.all or result in RESULTS[1:3]:
+                if given.all or result in (*RESULTS[1:3], RESULTS[5]):
                     print(f"{result} | {sentence} | {expected} | {why[:300]}", flush=True)
             print(f"{path.stem}: {', '.join(f'{tally[key]} {key}' for key in RESULTS)}", flush=True)
 
@@ -51,6 +56,10 @@ def judged(lab: KnowledgeBase, sentence: str, expected: str) -> tuple[str, str]:
     try:
         plan = lab.tasks.plan(sentence)
     except RtaskError as error:
+        proposals = error.details.get("proposals", [])
+        if proposals:
+            result, why = judged(lab, proposals[0]["sentence"], expected)
+            return f"{'right' if result == 'right' else 'wrong'} proposal", f"{why}: {error}"
         return ("rightly refused" if expected == "X" else "refused"), str(error)
     understood = "; ".join(plan.understood)
     if not plan.is_complete:

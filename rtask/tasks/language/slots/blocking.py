@@ -1,0 +1,85 @@
+"""Words beside the slots of a goal that may change it, so that nothing is proposed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rtask.asking.questions.words import stem
+from rtask.tasks.language.slots.frames import Frame
+from rtask.tasks.language.slots.lexicon import (
+    BLOCKING,
+    DETERMINERS,
+    MOVEMENT,
+    NOT_YET,
+    RELATIVES,
+    SILENT,
+)
+from rtask.tasks.language.slots.spans import Span
+
+__all__ = ["is_blocked"]
+
+_TELLING = ("i", "we", "you", "he", "she", "they")
+_OF_PLACES = ("on", "in", "off", "from", "of", "into", "onto", "with")
+
+
+def is_blocked(spans: Sequence[Span], frames: Sequence[Frame], loose: Sequence[Span]) -> bool:
+    """Return whether a word that fills no slot may change the goal."""
+    before = {span: spans[at - 1] for at, span in enumerate(spans) if at}
+    after = {span: spans[at + 1] for at, span in enumerate(spans[:-1])}
+    return (
+        any(_changes(span, spans, before.get(span), after.get(span)) for span in loose)
+        or any(_is_narrowed(frame, spans) for frame in frames)
+        or any(_is_state(span, frames, before.get(span), after.get(span)) for span in loose)
+    )
+
+
+def _changes(span: Span, spans: Sequence[Span], before: Span | None, after: Span | None) -> bool:
+    """Return whether a word negates, limits, asks, tells, or has a meaning that is not known."""
+    was, next_ = (item.text if item is not None else "" for item in (before, after))
+    if span.text == "where":
+        return was != "is"
+    if span.text == "after" and next_ == "that":
+        return False
+    if span.text in BLOCKING:
+        return not _is_harmless(span, spans)
+    if span.kind == "anaphor":  # "everything off it": which place that is, nobody has said
+        return was in _OF_PLACES
+    if span.text == "and":  # "the table and the shelf"
+        return after is not None and after.kind == "place" and not after.preposition
+    return was in _TELLING and span.text.endswith("ed") and span.text != "need"  # "I moved"
+
+
+def _is_harmless(span: Span, spans: Sequence[Span]) -> bool:
+    """Return whether a time has no thing in its clause, as "before the guests come".
+
+    Negations and conditions are never harmless: they may be about the goal all the same.
+    """
+    clause = [item for item in spans if item.clause == span.clause]
+    if span.text in ("keep", "keeps"):  # "I keep tripping over that ball"
+        return clause[0].text == "i"
+    behind = [item for item in clause if item.start > span.start]
+    is_about = any(item.kind in ("thing", "place", "anaphor", "robot") for item in behind)
+    return span.text in ("before", "during") and bool(behind) and not is_about
+
+
+def _is_narrowed(frame: Frame, spans: Sequence[Span]) -> bool:
+    """Return whether words that are not understood say which thing: "the small cup"."""
+    assert frame.thing is not None
+    for span in reversed([item for item in spans if item.end <= frame.thing.start]):
+        if span.text in DETERMINERS:
+            return True
+        is_known = span.text in SILENT or stem(span.text) in MOVEMENT or span.text in MOVEMENT
+        if span.kind != "word" or is_known:
+            break
+    behind = next((item for item in spans if item.start == frame.thing.end), None)
+    return behind is not None and behind.text in RELATIVES
+
+
+def _is_state(span: Span, frames: Sequence[Frame], before: Span | None, after: Span | None) -> bool:
+    """Return whether a word tells what is so: "the cups are in the left box"."""
+    if span.text not in NOT_YET:
+        return False
+    if before is not None and after is not None and (before.kind, after.kind) == ("thing", "place"):
+        return True
+    return any(before == frame.target and frame.thing is not None and frame.target is not None
+               and frame.thing.end <= frame.target.start for frame in frames)  # fmt: skip
