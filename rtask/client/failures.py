@@ -28,14 +28,19 @@ def failure_of(answer: httpx.Response) -> RtaskError:
     """Return the error of an answer, with the words of its problem details (RFC 9457)."""
     resource: object = None
     kind = ""
+    proposals: object = None
     try:
         problem = answer.json()
         words = str(problem.get("detail") or problem.get("title") or answer.text[:500])
         resource = problem.get("resource")
         kind = str(problem.get("type", "")).rpartition("/")[2]
+        proposals = problem.get("proposals")
     except (ValueError, AttributeError):
         words = answer.text[:500] or answer.reason_phrase
-    return error_of(answer.status_code, words, is_transient(answer), resource, kind)
+    error = error_of(answer.status_code, words, is_transient(answer), resource, kind)
+    if isinstance(proposals, list):
+        error.details["proposals"] = proposals
+    return error
 
 
 def error_of(

@@ -38,7 +38,7 @@ def plan() -> Model:
     model: Model = {
         "goal": goal, "assume_reach": assume_reach, "plan": None, "problem": "",
         "task": given.get("task", ""), "commit": given.get("commit", ""), "examples": [],
-        "has_looked": False,
+        "has_looked": False, "proposals": [],
     }  # fmt: skip
     access = context().auth.identify(current_request()).access
     if goal:
@@ -49,6 +49,7 @@ def plan() -> Model:
             model["plan"] = {**answer, "sparql": [PREFIXES + text for text in answer["sparql"]]}
         except RtaskError as error:
             model["problem"] = str(error)
+            model["proposals"] = error.details.get("proposals", [])
     kb = knowledge_base()
     if model["plan"] is None and isinstance(kb, KnowledgeBase) and "read" in SCOPES[access.role]:
         with contextlib.suppress(RtaskError):  # the page serves without them, too

@@ -177,7 +177,7 @@ def failure(error: RtaskError) -> dict[str, Any]:
     }
     document |= {
         name: value
-        for name in ("line", "column", "field")
+        for name in ("line", "column", "field", "proposals")
         if (value := error.details.get(name)) is not None
     }
     return {**result_of(document), "isError": True}

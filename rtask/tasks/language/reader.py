@@ -129,7 +129,7 @@ def _second_reading(
         understood = _read(select, proposal.sentence, base, 0)
     except (UsageError, UnknownTermError):
         raise error from None
-    if proposal.left_out:
+    if not proposal.is_certain:
         if has_deadline:
             proposal = replace(proposal, left_out=(*proposal.left_out, "by when"))
         raise _with_proposal(error, proposal, understood)
@@ -144,6 +144,7 @@ def _with_proposal(
     proposed = {
         "sentence": proposal.sentence,
         "left_out": list(proposal.left_out),
+        "guessed": list(proposal.guessed),
         "understood": [aim.text for aim in understood.aims],
     }
     return type(error)(f"{error}. Did you mean {proposal.text}?",

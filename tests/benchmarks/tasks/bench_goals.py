@@ -4,10 +4,8 @@
 
 reads the lists of ``tests/benchmarks/tasks/goals``: a sentence a line, and behind a tab where its
 writer wants each thing in the end (:func:`tests.benchmarks.tasks.goals_lab.differences`), or ``X``
-where it is to be refused. Where a refused sentence is answered with a proposal, that is judged
-instead; it is never carried out, so that one for a sentence to be refused is no fault of the reader,
-but counted. Each is planned in a made-up lab of twelve things. ``--all`` prints the
-right ones, too.
+where it is to be refused. Each is planned in a made-up lab of twelve things. Where a refused
+sentence is answered with a proposal, that is judged instead. ``--all`` prints the right ones, too.
 """
 
 from __future__ import annotations

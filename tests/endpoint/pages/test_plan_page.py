@@ -98,3 +98,11 @@ def test_robots_see_plans_and_strangers_do_not(site: Site) -> None:
         "/plan", query_string=GOAL, base_url=HOST, headers={"Accept": "text/html"}
     )
     assert stranger.status_code == 303
+
+
+def test_what_a_refused_sentence_seems_to_mean_is_a_button_that_only_plans(site: Site) -> None:
+    shown = page(site.signed_in("ann"), goal="hungry people come, so every cup into the left box")
+    (form,) = re.findall(r'aria-label="Did you mean this\?">(.*?)</form>', shown, re.S)
+    assert re.findall(r'name="goal" value="([^"]*)"', form) == ["every cup to the left box"]
+    assert "hungry people come" in form
+    assert "secret" not in form, "it is no form that stores anything"

@@ -308,6 +308,9 @@ class Phrases(Superlatives):
             matches.append((Phrase(is_generic=True, is_plural=True, quantity=Quantity("no")), end))
         matches += [(described, after) for core, end in matches if core.is_generic
                     for described, after in self._quality(core, end, is_not=False)]  # fmt: skip
+        for end in ends(at, "anything"):  # "anything lighter than 100 g", but any one thing alone
+            matches += [(phrase, after) for phrase, after in self._modified(everything, end)
+                        if after > end]  # fmt: skip
         for core, end in matches:
             if self.items.word(end - 1) == "of":
                 yield from (_Read(core, replace(core, places=((place, False),)), after, False)

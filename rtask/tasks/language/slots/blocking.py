@@ -65,11 +65,14 @@ def _is_harmless(span: Span, spans: Sequence[Span]) -> bool:
 def _is_narrowed(frame: Frame, spans: Sequence[Span]) -> bool:
     """Return whether words that are not understood say which thing: "the small cup"."""
     assert frame.thing is not None
-    for span in reversed([item for item in spans if item.end <= frame.thing.start]):
+    is_whole = frame.thing.text.split()[0] in DETERMINERS  # "so that the white bottle ..."
+    before = [] if is_whole else [item for item in spans if item.end <= frame.thing.start]
+    for number, span in enumerate(reversed(before)):
         if span.text in DETERMINERS:
             return True
         is_known = span.text in SILENT or stem(span.text) in MOVEMENT or span.text in MOVEMENT
-        if span.kind != "word" or is_known:
+        # "the standing cups" has a word that is silent elsewhere.
+        if span.kind != "word" or (is_known and number):
             break
     behind = next((item for item in spans if item.start == frame.thing.end), None)
     return behind is not None and behind.text in RELATIVES

@@ -39,7 +39,8 @@ class Frame:
     @property
     def sentence(self) -> str:
         """The deed in the words that the grammar reads."""
-        assert self.thing is not None and self.target is not None
+        assert self.thing is not None
+        assert self.target is not None
         source = f" from {self.source.text}" if self.source is not None else ""
         return f"{self.thing.text}{source} to {self.target.text}"
 

@@ -18,7 +18,9 @@ from rtask.tasks.language.slots.spans import Span, read_spans
 
 __all__ = ["Proposal", "propose"]
 
-_QUESTIONS = frozenset("is are am do has where should shall must may ought".split())
+_QUESTIONS = frozenset(
+    ("is", "are", "am", "do", "has", "where", "should", "shall", "must", "may", "ought")
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -31,16 +33,27 @@ class Proposal:
         The goal in plain words.
     left_out
         Stretches of the sentence that it does not say.
+    guessed
+        Stretches from which it was guessed where to.
     """
 
     sentence: str
     left_out: tuple[str, ...] = ()
+    guessed: tuple[str, ...] = ()
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether each word is accounted for."""
+        return not self.left_out and not self.guessed
 
     @property
     def text(self) -> str:
         """The proposal for people."""
-        left = ", ".join(repr(item) for item in self.left_out)
-        return repr(self.sentence) + (f" (which leaves out {left})" if left else "")
+        notes = [
+            f"{verb} {', '.join(map(repr, words))}"
+            for verb, words in (("leaves out", self.left_out), ("goes by", self.guessed)) if words
+        ]  # fmt: skip
+        return repr(self.sentence) + (f" (which {' and '.join(notes)})" if notes else "")
 
 
 def propose(items: Items) -> Proposal | None:
@@ -57,11 +70,9 @@ def propose(items: Items) -> Proposal | None:
     if any(_is_told(frame, talk) for frame in frames):
         return None
     left_out = [text for run in _runs(loose) if (text := _left_out(items, run, talk))]
-    for frame in frames:
-        assert frame.target is not None
-        if frame.target.preposition in ("", "near"):  # where to is guessed
-            left_out.append(items.text(frame.target.start, frame.target.end))
-    return Proposal(_sentence(frames), tuple(left_out))
+    targets = [frame.target for frame in frames if frame.target is not None]
+    guessed = [items.text(t.start, t.end) for t in targets if t.preposition in ("", "near")]
+    return Proposal(_sentence(frames), tuple(left_out), tuple(guessed))
 
 
 def _sentence(frames: Sequence[Frame]) -> str:

@@ -75,7 +75,8 @@ def _spans(items: Items, phrases: Phrases, at: int, clause: int) -> Iterator[Spa
     end, thing_end = _place_end(items, phrases, at), _thing_end(phrases, at)
     if end >= thing_end and end:
         yield Span("place", at, end, items.text(at, end), clause)
-    if thing_end:
+    # "They can go back", "can the ball ...": a can has a word before it that says which.
+    if thing_end and items.text(at, thing_end) != "can":
         yield Span("thing", at, thing_end, items.text(at, thing_end), clause)
     robot = items.name(at, "robot")
     if robot is not None:
@@ -104,7 +105,7 @@ def _thing_end(phrases: Phrases, at: int) -> int:
     """
     bare, placed = 0, 0
     for listed, end in phrases.lists(at):
-        if any(phrase.anaphor or phrase.is_elided or _is_none(phrase) for phrase in listed):
+        if any(_is_no_slot(phrase) for phrase in listed):
             continue
         if any(phrase.places for phrase in listed):
             placed = max(placed, end)
@@ -113,6 +114,8 @@ def _thing_end(phrases: Phrases, at: int) -> int:
     return bare or placed
 
 
-def _is_none(phrase: Phrase) -> bool:
-    """Return whether a phrase is about no thing, which is another goal than about things."""
-    return phrase.quantity is not None and phrase.quantity.kind in ("no", "exactly", "at_most")
+def _is_no_slot(phrase: Phrase) -> bool:
+    """Return whether a phrase says what only the whole sentence tells: "the rest", "no cup"."""
+    kind = phrase.quantity.kind if phrase.quantity is not None else ""
+    is_counted = kind in ("no", "exactly", "at_most")
+    return bool(phrase.anaphor) or phrase.is_elided or phrase.others or is_counted
