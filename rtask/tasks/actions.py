@@ -53,6 +53,8 @@ class ActionClass:
         A sentence with ``?name`` for parameters.
     duration_s
         How long it usually takes.
+    is_duration_stated
+        Whether somebody has said how long; else it is :data:`DEFAULT_DURATION_S`.
     """
 
     iri: str
@@ -64,6 +66,7 @@ class ActionClass:
     statements: tuple[tuple[str, str], ...]
     text: str
     duration_s: float
+    is_duration_stated: bool = True
 
     def parameter(self, name: str) -> str:
         """Return the parameter that is the value of a statement; "" if there is none."""
@@ -118,7 +121,7 @@ def _action(iri: str, label: str, values: Mapping[str, Sequence[object]]) -> Act
             patterns("precondition"), patterns("addition"), patterns("removal"),
             tuple(sorted(_statement(str(text), names) for text in values["planStatement"])),
             " ".join(map(str, values["stepText"])) or _default_text(label, names),
-            _duration(values["usualDuration"]),
+            _duration(values["usualDuration"]), bool(values["usualDuration"]),
         )  # fmt: skip
     except DataError as error:
         raise DataError(f"action {local_name(iri)} <{iri}>: {error}", action=iri) from error

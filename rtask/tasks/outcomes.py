@@ -121,12 +121,21 @@ class Experience:
         overall, counts = self.by_class.get(action.iri, Counts()), self.counts(action, arguments)
         query = _BEHIND % (action.iri, literal(hand), literal(product))
         subject = " with ".join(part for part in (hand, product and name(product)) if part)
-        text = _in_words(overall, counts, subject)
+        text = f"{_in_words(overall, counts, subject)}; {self._duration_in_words(action)}"
         return Evidence(text, PREFIXES + query.lstrip())
 
     def duration_s(self, action: ActionClass) -> float:
         """Return the mean duration of tasks of the class, else what its description says."""
         return self.durations_s.get(action.iri, action.duration_s)
+
+    def _duration_in_words(self, action: ActionClass) -> str:
+        duration = f"{self.duration_s(action):.0f} s"
+        if action.iri in self.durations_s:
+            return f"{duration} is the mean of such tasks so far"
+        return f"{duration} is " + (
+            "what is stated of such tasks" if action.is_duration_stated
+            else "assumed, as nobody has stated rt:usualDuration of such tasks"
+        )  # fmt: skip
 
     def estimate(self, action: ActionClass) -> Callable[[Mapping[str, str]], tuple[float, float]]:
         """Return what estimates duration, s, and chance of a step."""

@@ -208,6 +208,11 @@ class TaskPlan:
                          self.understood else "Nothing to do.")  # fmt: skip
         if self.deadline is not None:
             lines.append(f"by {self.deadline.isoformat(timespec='seconds')}, if it is stored")
+            late_s = self.duration_s - (self.deadline - dt.datetime.now(dt.UTC)).total_seconds()
+            if self.steps and late_s > 0:
+                lines.append(
+                    f"which is too soon: begun now, it is expected to end {late_s:.0f} s later"
+                )
         if self.refusals and self.steps:
             lines.append("Without that, the rest can be done:")
         for step in self.steps:

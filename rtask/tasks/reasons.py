@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from rtask.rdf.namespaces import PREFIXES, RT, local_name
 from rtask.rdf.terms import NamedNode
@@ -49,7 +50,11 @@ def refusal(
         objects = {**problem.objects, kind: (robot,)}
         restricted = replace(problem, objects=objects, goals=(obstacle.goal,))
         for other in explain_unsolvable(restricted, mendable):
-            alone[robot] = _reasons(select, other.missing, wording) or _nothing(problem, obstacle)
+            alone[robot] = (
+                _reasons(select, other.missing, wording)
+                or _without_hand(select, robot)
+                or _nothing(problem, obstacle)
+            )
     text = _remedy(select, obstacle, wording) if obstacle.missing else _nothing(problem, obstacle)
     statements = (statement_of(atom) for atom in obstacle.missing)
     return Refusal(goal, text, tuple(item for item in statements if item is not None), alone)
@@ -93,8 +98,22 @@ def _nothing(problem: Problem, obstacle: Obstacle) -> str:
     statement = statement_of(obstacle.goal[0])
     is_place = statement is not None and statement[1] == RT.locatedOn.value
     if is_place and not any(atom[0] == predicate and atom[1] == subject for atom in problem.facts):
-        return "it is not known where it is: nobody has stated on or in what"
+        return "it is not known where it is: nobody has stated on or in what; say so by state_place"
     return "no capability or reach that could be added would make it possible"
+
+
+def _without_hand(select: Select, robot: str) -> str:
+    """Return that nobody has stated a hand of a robot; "" if somebody has."""
+    return "" if _has_hand(select, robot) else "no hand of it is stated (rt:hasEndEffector)"
+
+
+def _has_hand(select: Select, robot: str, hand: str = "") -> bool:
+    """Return whether a robot is stated to have a hand; by default any."""
+    end = str(NamedNode(hand)) if hand else "?hand"
+    return bool(select(
+        f"{PREFIXES}SELECT ?robot {{ VALUES ?robot {{ {NamedNode(robot)} }} "
+        f"?robot rt:hasEndEffector {end} }} LIMIT 1"
+    ))  # fmt: skip
 
 
 def _remedy(select: Select, obstacle: Obstacle, wording: Wording) -> str:
@@ -107,6 +126,15 @@ def _remedy(select: Select, obstacle: Obstacle, wording: Wording) -> str:
         if (statement := statement_of(atom)) is not None and statement[1] != RT.canGrasp.value
     )
     how = f"; if so, state it: rtask update 'INSERT DATA {{ {data} }}'" if data else ""
+    lacks = [
+        _why_no_grasp(select, statement[0], statement[2], wording).remedy
+        for atom in obstacle.missing
+        if (statement := statement_of(atom)) is not None
+        and statement[1] == RT.canGrasp.value
+        # Where the goal names the very hand, another robot is no remedy.
+        and not _has_hand(select, statement[0], obstacle.goal[0][-1])
+    ]
+    how += "".join(f"; {lack}" for lack in dict.fromkeys(lacks) if lack)
     over = " . ".join(
         f"{NamedNode(subject)} a {NamedNode(kind)}"
         for atom in obstacle.missing
@@ -155,10 +183,17 @@ def _reason(select: Select, atom: Atom, wording: Wording) -> str:
         return f"it does not hold that {words}"
     if statement[1] != RT.canGrasp.value:
         return f"it is not known that {wording.atom(atom)}"
-    return _why_no_grasp(select, statement[0], statement[2], wording)
+    return _why_no_grasp(select, statement[0], statement[2], wording).reason
 
 
-def _why_no_grasp(select: Select, robot: str, exemplar: str, wording: Wording) -> str:
+class _GraspLack(NamedTuple):
+    """Why a robot cannot grasp a thing, and what would mend it; "" where that is not known."""
+
+    reason: str
+    remedy: str = ""
+
+
+def _why_no_grasp(select: Select, robot: str, exemplar: str, wording: Wording) -> _GraspLack:
     """Return which of the conditions of ``rt:canGrasp`` fails for a robot, with its numbers."""
     what, who = str(NamedNode(exemplar)), str(NamedNode(robot))
     row = select(PREFIXES + _LIMITS % (who, what, what, what))[0]
@@ -167,19 +202,25 @@ def _why_no_grasp(select: Select, robot: str, exemplar: str, wording: Wording) -
         for value in (row.value(name) for name in ("widest", "strongest", "width", "mass"))
     )
     name, owner = wording.name(exemplar), wording.name(robot)
+    unknown = [of for of, value in (("graspWidth", width), ("mass", mass)) if value is None]
+    listed = " and ".join(f"rt:{of}" for of in unknown)
+    remedy = f"once measured, state {listed} of its product, in m and kg" if unknown else ""
     # Sizes before masses: a weight is no reason for what no hand goes around.
     if width is None:
-        return f"the width of {name} is not known"
+        of = "width" if mass is not None else "width and the mass"
+        return _GraspLack(f"the {of} of {name} {'are' if mass is None else 'is'} not known", remedy)
     if widest is not None and width >= widest:
-        return (
+        return _GraspLack(
             f"{name} is {1000 * width:.0f} mm wide, and no hand of {owner} opens beyond "
-            f"{1000 * widest:.0f} mm"
+            f"{1000 * widest:.0f} mm",
+            f"a robot there with a hand that opens beyond {1000 * width:.0f} mm would",
         )
     if mass is None:
-        return f"nobody has stated what {name} weighs, or lifted it"
+        return _GraspLack(f"nobody has stated what {name} weighs, or lifted it", remedy)
     if strongest is not None and mass > strongest:
-        return (
+        return _GraspLack(
             f"{name} may weigh {mass:.2f} kg, and no hand of {owner} lifts more than "
-            f"{strongest:.2f} kg"
+            f"{strongest:.2f} kg",
+            f"a robot there with a hand that lifts {mass:.2f} kg would",
         )
-    return f"{owner} cannot grasp {name}"
+    return _GraspLack(f"{owner} cannot grasp {name}")

@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from rtask.rdf.namespaces import RT
 from rtask.tasks.planning.grounding import bindings, ground, instantiate, unchanging_facts
 from rtask.tasks.planning.problem import Action, Atom, Goal, Parameter, Problem, Step
 
@@ -91,8 +92,11 @@ def _obstacle(problem: Problem, goal: Goal, mendable: Mapping[str, float]) -> Ob
     queue: list[tuple[float, int, Atom, int]] = [
         (0.0, next(order), fact, -1) for fact in sorted(problem.facts)
     ]
+    hands = frozenset(problem.objects.get(RT.EndEffector.value, ()))
     for atom in sorted(users):
-        if atom[0] in mendable and atom not in problem.facts:
+        # A hand is no place to put things into: no statement that a robot reaches it would help.
+        is_reach = str(RT.reaches) in atom[0] and atom[-1] in hands
+        if atom[0] in mendable and atom not in problem.facts and not is_reach:
             queue.append((mendable[atom[0]], next(order), atom, -1))
     heapq.heapify(queue)
     causes: dict[Atom, int] = {}

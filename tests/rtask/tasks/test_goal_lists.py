@@ -54,6 +54,6 @@ def test_lists_of_sentences_are_understood_as_well_as_they_were(lab, path):
     goals = [found for found, (_, expected) in zip(results, sentences(path), strict=True)
              if expected != "X"]  # fmt: skip
     if path.stem.startswith("goals"):
-        assert goals.count("right") >= 0.7 * len(goals)
+        assert goals.count("right") + goals.count("right proposal") >= 0.7 * len(goals)
         assert "taken for another goal" not in results
     assert results.count("taken for another goal") <= 2

@@ -1,0 +1,84 @@
+"""What an impossible goal says would mend it, carried out in the graph and planned again."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import pytest
+
+import rtask
+from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.namespaces import PREFIXES
+from tests.rtask.tasks.conftest import BASE, LAB, LEFT, RIGHT, TABLE, placed, robot
+
+_THINGS = f"""
+  <{BASE}object/4> a rt:Box ; rt:objectId "lab/4" ; rt:name "crate" ; rt:graspWidth 0.12e0 ;
+    rt:mass 1.0e0 . {placed(4, TABLE)}
+  <{BASE}object/5> a rt:Box ; rt:objectId "lab/5" ; rt:name "anvil" ; rt:graspWidth 0.06e0 ;
+    rt:mass 9.0e0 . {placed(5, TABLE)}
+  <{BASE}object/6> a rt:Bottle ; rt:objectId "lab/6" ; rt:name "vase" . {placed(6, TABLE)}
+  <{BASE}robot/bare> a cora:Robot ; rt:name "bare" ."""
+
+
+def insert(kb: KnowledgeBase, statements: str) -> None:
+    kb.update(f"{PREFIXES} INSERT DATA {{ GRAPH <{BASE}graph/shared> {{ {statements} }} }}")
+
+
+@pytest.fixture
+def lab() -> Iterator[KnowledgeBase]:
+    with rtask.open(":memory:", base=BASE) as graph:
+        assert isinstance(graph, KnowledgeBase)
+        graph.update(LAB)
+        insert(graph, _THINGS)
+        yield graph
+
+
+@pytest.mark.parametrize(
+    ("thing", "said", "opening", "payload"),
+    [("crate", "a hand that opens beyond 120 mm", 0.13, 3.0),
+     ("anvil", "a hand that lifts 9.00 kg", 0.08, 9.5)],
+)  # fmt: skip
+def test_a_robot_with_the_hand_that_is_asked_for_reaches_the_goal(
+    lab: KnowledgeBase, thing: str, said: str, opening: float, payload: float
+) -> None:
+    goal = f"{thing} to the right box"
+    (refusal,) = lab.tasks.plan(goal).refusals
+    assert said in refusal.text
+    strong = f"{BASE}robot/strong"
+    insert(lab, robot(strong, "strong", "ParallelJawGripper", opening, payload)
+           + f" <{strong}> rt:reaches <{TABLE}>, <{RIGHT}> .")  # fmt: skip
+    assert lab.tasks.plan(goal).is_complete
+
+
+def test_measures_that_nobody_knows_are_named_together(lab: KnowledgeBase) -> None:
+    (refusal,) = lab.tasks.plan("vase to the right box").refusals
+    assert "state rt:graspWidth and rt:mass of its product" in refusal.text
+    insert(lab, f"<{BASE}object/6> rt:graspWidth 0.05e0 ; rt:mass 0.3e0 .")
+    assert lab.tasks.plan("vase to the right box").is_complete
+
+
+def test_no_robot_is_said_to_reach_the_hand_of_another(lab: KnowledgeBase) -> None:
+    (refusal,) = lab.tasks.plan("jug to nao-1").refusals
+    assert "70 mm wide, and no hand of nao-1 opens beyond 50 mm" in refusal.text
+    assert "reaches nao-1 hand" not in refusal.text
+    assert "a robot there" not in refusal.text, "the goal is about this hand"
+
+
+def test_of_a_robot_without_a_stated_hand_that_is_the_reason(lab: KnowledgeBase) -> None:
+    (refusal,) = lab.tasks.plan("jug to the left box").refusals
+    assert refusal.by_robot[f"{BASE}robot/bare"].startswith("no hand of it is stated")
+    (update,) = re.findall(r"rtask update '([^']*)'", refusal.text)
+    lab.update(update)
+    assert lab.tasks.plan("jug to the left box").is_complete
+    assert LEFT in update
+
+
+def test_a_deadline_that_is_too_soon_is_said_before_anything_is_stored(lab: KnowledgeBase) -> None:
+    assert "too soon" in lab.tasks.plan("pen to the right box within 1 second").text
+    assert "too soon" not in lab.tasks.plan("pen to the right box within 2 hours").text
+
+
+def test_a_duration_that_nobody_stated_is_said_to_be_assumed(lab: KnowledgeBase) -> None:
+    steps = lab.tasks.plan("pen to the right box").steps
+    assert "s is what is stated of such tasks" in steps[0].why
