@@ -160,5 +160,5 @@ def test_a_proof_runs_with_the_end_that_was_picked_in_a_browser(
     assert result["weak"] == end
     assert points == [f"yes {point['text']}" for point in result["points"]]
     assert len(points) == 6
-    for words in ("withdrawn", "undone", "failed", "held; grasp from memory"):
+    for words in ("withdrawn", "undone", "failed", "held; remembered grasp"):
         assert words in said, said
