@@ -70,7 +70,7 @@ refuse refusal decline reject abstain skip
 subtask sub-task step part divide decompose consist belong compose
 overlap simultaneous simultaneously parallel concurrent concurrently
 convert transform transformation conversion
-recognise recognize identify recognition identification classify believe
+recognise recognize identify recognition identification classify
 dataset data
 end expire invalid invalidate obsolete outdated
 prove proven reliable rely trusted trustworthy

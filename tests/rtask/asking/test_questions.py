@@ -37,6 +37,7 @@ NOW = dt.datetime(2026, 1, 1, 12, tzinfo=dt.UTC)
         ("how heavy is the mug?", "cq27", "Mug weighs 0.3 kg"),
         ("how wide is the pen?", "cq28", "Pen, a hand must open 0.01 m"),
         ("which hand does nao have?", "cq29", "Nao has nao_hand, which opens 0.05 m"),
+        ("what do robots believe about the mug?", "eq21", "Mug: "),
         ("a heavy tool", "cq25", "The graph states nothing that answers this"),
         ("Where is <https://w3id.org/rtask-kg/kb/sample/mug>?", "cq22", "Https://"),
     ],
