@@ -304,6 +304,7 @@ class Agent:
             True, float(grasp.get("mean", 0.0)), seconds, tuple(phase for phase, _ in pictures),
             record.place_reason, (float(held), float(lost)), self._runs, record.evidence,
             str((trial.answer.get("alone") or {}).get("text", "")),
+            str(trial.answer.get("first_offered", "")),
         )  # fmt: skip
         encounter.attempts.append(attempt)
         track.gone = record.placed
@@ -326,6 +327,7 @@ class Agent:
         graph's can be reached.
         """
         proposed = answer["grasps"]
+        first_offered = proposed[0]["source"] if proposed else ""
         if has_failed:
             self._crowd.look_closer(track)
         while True:
@@ -336,7 +338,7 @@ class Agent:
                 self._tracker.remembered(track, view.objects),
             )  # fmt: skip
             if planned.plan is not None or was_planned or not self._crowd.look_closer(track):
-                return {**answer, "grasps": grasps}, planned
+                return {**answer, "grasps": grasps, "first_offered": first_offered}, planned
 
     def _push(
         self, track: TrackedObject, view: Perceived, side: str, has_grasp: bool = True

@@ -33,6 +33,8 @@ class Attempt:
         Measurements of the robot and its conclusions.
     alone
         What the graph told of this grasp and where the robot would have grasped without it.
+    first_offered
+        Source of the grasp that came first in the graph's answer, which the arm may not reach.
     """
 
     number: int
@@ -50,6 +52,7 @@ class Attempt:
     run: int = 0
     evidence: str = ""
     alone: str = ""
+    first_offered: str = ""
 
 
 @dataclass

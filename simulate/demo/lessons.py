@@ -31,6 +31,9 @@ class Lessons:
     followed
         Those of which it was a grasp of its own to which the graph's successes were credited: at
         the place of a remembered one, but opening wider, or higher, as suits this hand.
+    unreachable
+        Those not recalled although the graph's answer began with a remembered grasp: the arm found
+        no good way to it from where the thing stood this time. More memory would not help there.
     elsewhere
         The others, by name, and whether the last robot's first attempt held all the same.
     won_in_space, recalled_in_space
@@ -41,6 +44,7 @@ class Lessons:
     won: int = 0
     recalled: int = 0
     followed: int = 0
+    unreachable: int = 0
     won_in_space: int = 0
     recalled_in_space: int = 0
     elsewhere: Mapping[str, bool] = field(default_factory=dict)
@@ -52,6 +56,7 @@ class Lessons:
             "won": self.won,
             "recalled": self.recalled,
             "followed": self.followed,
+            "unreachable": self.unreachable,
             "won_in_space": self.won_in_space,
             "recalled_in_space": self.recalled_in_space,
             "elsewhere": dict(self.elsewhere),
@@ -102,11 +107,16 @@ def lessons_of(done: Sequence[Mapping[str, Any]]) -> Lessons | None:
         for product in (tried.keys() & known) - set(recalled)
         if first[product].get("told", (0.0, 0.0))[0] >= _HALF_A_SUCCESS
     }
+    unreachable = [
+        product
+        for product in tried.keys() - set(recalled)
+        if first[product].get("first_offered") == _FROM_GRAPH
+    ]
     elsewhere = sorted(tried.keys() - set(recalled) - followed)
     in_space = [product for product, source in tried.items() if source == _IN_SPACE]
     return Lessons(
-        str(last["name"]), len(tried), len(recalled), len(followed), len(in_space),
-        sum(product in recalled for product in in_space),
+        str(last["name"]), len(tried), len(recalled), len(followed), len(unreachable),
+        len(in_space), sum(product in recalled for product in in_space),
         {product: bool(first[product]["held"]) for product in elsewhere},
     )  # fmt: skip
 

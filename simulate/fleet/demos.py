@@ -220,6 +220,7 @@ def _robot_figures(
             "won": lessons.won,
             "recalled": lessons.recalled,
             "followed": lessons.followed,
+            "unreachable": lessons.unreachable,
             "held_elsewhere": sum(lessons.elsewhere.values()),
         },
         "elsewhere": dict(lessons.elsewhere),
@@ -312,7 +313,9 @@ def demo_words(summary: Mapping[str, Any]) -> list[str]:
         f"{summary['many_more']}",
         f"lessons recalled {lessons['recalled']} of {lessons['won']} won, and "
         f"{lessons['followed']} followed by a grasp of the robot's own at the same place; of the "
-        f"other {_others(lessons)}, {lessons['held_elsewhere']} held at once elsewhere",
+        f"other {_others(lessons)}, {lessons['held_elsewhere']} held at once elsewhere; "
+        f"at {lessons['unreachable']} of those not recalled the graph's first grasp was remembered "
+        "and the arm did not reach it",
         *map(_over_tables_words, summary["robots"]),
     ]
 

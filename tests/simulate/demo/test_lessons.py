@@ -71,6 +71,20 @@ def test_a_grasp_of_its_own_where_a_success_counts_follows_the_lesson() -> None:
     )
 
 
+def test_a_remembered_grasp_out_of_reach_is_told_from_one_that_the_graph_did_not_offer() -> None:
+    teacher = _robot("nao-1", *(_met(name, _attempt("candidate")) for name in "abc"))
+    pupil = _robot(
+        "nao-2",
+        _met("a", _attempt("candidate", first_offered="memory")),
+        _met("b", _attempt("candidate", first_offered="candidate")),
+        _met("c", _attempt("memory", first_offered="memory")),
+    )
+    lessons = lessons_of([teacher, pupil])
+    assert lessons is not None
+    assert (lessons.won, lessons.recalled, lessons.unreachable) == (3, 1, 1)
+    assert lessons.to_dict()["unreachable"] == 1
+
+
 def test_the_way_in_which_a_product_was_first_won_counts() -> None:
     first = _robot("panda-1", _met("bar", _attempt("scene")))
     second = _robot("panda-2", _met("bar", _attempt("memory")))

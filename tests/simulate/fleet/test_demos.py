@@ -82,7 +82,13 @@ def test_what_two_robots_gained_is_shown_for_each_and_added_up() -> None:
             "alone": alone, "cpu_s": 1.0}  # fmt: skip
     summary = summarise_demos([demo], 6)
     assert summary["demos"][0]["pairs"] == [[1, 4], [3, 2]]
-    assert summary["lessons"] == {"won": 2, "recalled": 1, "followed": 0, "held_elsewhere": 0}
+    assert summary["lessons"] == {
+        "won": 2,
+        "recalled": 1,
+        "followed": 0,
+        "unreachable": 0,
+        "held_elsewhere": 0,
+    }
     (row,) = demo_rows(summary)
     assert row[COLUMNS.index("robot by robot")] == "nao-2 1, alone 4; nao-2 3, alone 2"
 
@@ -124,7 +130,13 @@ def test_attempts_are_paired_by_product_and_what_only_one_tried_is_left_out(
     assert summary["change"]["mean"] == (-3 + 6) / 4
     assert summary["change"]["interval95"] == [-1.5, 3.0]  # of whole demos, not of products
     assert (summary["fewer"], summary["many_more"]) == (1, 1)
-    assert summary["lessons"] == {"won": 4, "recalled": 3, "followed": 0, "held_elsewhere": 1}
+    assert summary["lessons"] == {
+        "won": 4,
+        "recalled": 3,
+        "followed": 0,
+        "unreachable": 0,
+        "held_elsewhere": 1,
+    }
     assert demo_rows(summary)[0] == (
         "7", "2", "2", "5", "nao-2 2, alone 5", "2", "0", "2 of 2", "2 of 2"
     )  # fmt: skip
