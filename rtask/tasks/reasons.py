@@ -93,6 +93,10 @@ _ABSENT = "FILTER NOT EXISTS"
 
 def _nothing(problem: Problem, obstacle: Obstacle) -> str:
     """Return that no single statement helps: mostly, that nobody knows where something is."""
+    made = {atom[0] for action in problem.actions for atom in action.adds}
+    if not any(atom[0] in made for atom in obstacle.goal):
+        # A misspelt property, or an ontology that nobody has loaded.
+        return "no action that the graph knows of brings this about (rt:addition in an ontology)"
     subject = obstacle.goal[0][1]
     predicate = obstacle.goal[0][0]
     statement = statement_of(obstacle.goal[0])

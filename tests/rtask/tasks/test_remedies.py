@@ -82,3 +82,9 @@ def test_a_deadline_that_is_too_soon_is_said_before_anything_is_stored(lab: Know
 def test_a_duration_that_nobody_stated_is_said_to_be_assumed(lab: KnowledgeBase) -> None:
     steps = lab.tasks.plan("pen to the right box").steps
     assert "s is what is stated of such tasks" in steps[0].why
+
+
+def test_of_what_no_action_brings_about_that_is_the_reason(lab: KnowledgeBase) -> None:
+    goal = '?t <urn:weighedBy> ?r WHERE { ?t rt:exemplarOf/rt:name "pen" . ?r rt:name "nao-1" }'
+    (refusal,) = lab.tasks.plan(goal).refusals
+    assert refusal.text.startswith("no action that the graph knows of brings this about")
