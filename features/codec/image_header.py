@@ -32,6 +32,8 @@ _MAX_TIFF_ENTRIES = 256
 _WIDTH, _HEIGHT, _BITS, _MEANING, _ORIENTATION, _SAMPLES = 256, 257, 258, 262, 274, 277
 _NUMBERS, _FLOATS = 339, 3
 _TIFF_RGB = 2
+_PNG_GREY = (0, 4)
+"""Colour types of PNG (11.2.1): grey, and grey with alpha."""
 _BMP_ALPHA_MASK = 66
 """Offset of the mask of alpha in headers of 56 bytes and more."""
 _FORMATS = "PNG, JPEG, WebP, BMP or TIFF"
@@ -95,7 +97,7 @@ def bits_of(data: bytes) -> int:
 def is_deep_grey(data: bytes) -> bool:
     """Whether a PNG or TIFF is grey with 16 bits: depth or infrared, and no photograph."""
     if data.startswith(_PNG):
-        return bits_of(data) == 16 and data[25] == 0
+        return bits_of(data) == 16 and data[25] in _PNG_GREY
     return data[:4] in _TIFF and bits_of(data) == 16 and _tiff_number(data, _SAMPLES, 1) == 1
 
 

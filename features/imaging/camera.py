@@ -31,6 +31,7 @@ __all__ = [
     "baseline_m",
     "camera_of_grid",
     "describes_rectified",
+    "doubtful_size",
     "frame_of_grid",
     "has_same_rays",
     "lens_from_message",
@@ -198,19 +199,53 @@ def lens_of_size(lens: Lens, message: Mapping[str, Any], shape: tuple[int, int])
     full = lens.intrinsics
     if (full.height, full.width) == shape:
         return lens
-    region = _region(message)
-    bins = [max(int(message.get(name) or 1), 1) for name in ("binning_x", "binning_y")]
-    left, top, across, down = region if region[2] and region[3] else (0, 0, full.width, full.height)
-    # Only if it leads to the image that came: roi and binning may be left over from an earlier
-    # setting.
-    if (down // bins[1], across // bins[0]) == shape:
-        part = Intrinsics(across, down, full.fx, full.fy, full.cx - left, full.cy - top)
+    part = _part_read(full, message, shape)
+    if part is not None:
         return replace(lens, intrinsics=scaled(part, shape[1], shape[0]))
     if abs(shape[1] * full.height / (shape[0] * full.width) - 1) > 0.01:
         raise ValueError(
             f"it describes {full.width}x{full.height} px, the image has {shape[1]}x{shape[0]}"
         )
     return replace(lens, intrinsics=scaled(full, shape[1], shape[0]))
+
+
+def doubtful_size(lens: Lens, message: Mapping[str, Any], shape: tuple[int, ...]) -> str:
+    """Return what is assumed of an image (h, w) of another size than its camera; empty if nothing.
+
+    :func:`lens_of_size` takes it for the full view, though it may as well be a part of it, which
+    has the same proportions and a longer focal length.
+
+    Examples
+    --------
+    >>> told = {"width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 320, "cy": 240}
+    >>> lens = lens_from_message(told)
+    >>> doubtful_size(lens, told, (240, 320))[:53]
+    'its CameraInfo is of 640x480 px, the image of 320x240'
+    >>> doubtful_size(lens, {**told, "binning_x": 2, "binning_y": 2}, (240, 320))
+    ''
+    """
+    full, (height, width) = lens.intrinsics, shape[:2]
+    is_full = (full.height, full.width) == (height, width)
+    if is_full or _part_read(full, message, (height, width)) is not None:
+        return ""
+    return (
+        f"its CameraInfo is of {full.width}x{full.height} px, the image of {width}x{height}, and "
+        "no binning or roi says why: taken for the whole view"
+    )
+
+
+def _part_read(
+    full: Intrinsics, message: Mapping[str, Any], shape: tuple[int, int]
+) -> Intrinsics | None:
+    """Return the part of the sensor that ``roi`` and binning bring to an image (h, w), if any."""
+    region = _region(message)
+    bins = [max(int(message.get(name) or 1), 1) for name in ("binning_x", "binning_y")]
+    left, top, across, down = region if region[2] and region[3] else (0, 0, full.width, full.height)
+    # Only if it leads to the image that came: roi and binning may be left over from an earlier
+    # setting.
+    if (down // bins[1], across // bins[0]) != shape:
+        return None
+    return Intrinsics(across, down, full.fx, full.fy, full.cx - left, full.cy - top)
 
 
 def _region(message: Mapping[str, Any]) -> tuple[int, int, int, int]:

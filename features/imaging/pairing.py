@@ -19,6 +19,7 @@ from features.imaging.camera import (
     Lens,
     baseline_m,
     describes_rectified,
+    doubtful_size,
     has_same_rays,
     lens_from_message,
     lens_of_size,
@@ -358,6 +359,9 @@ class Pairing:
         doubt = doubtful_camera(lens.intrinsics)
         if doubt:
             self._warn_once(space, doubt, "camera")
+        doubt = doubtful_size(lens, message, shape)
+        if doubt:
+            self._warn_once(image.topic, doubt, "size")
         aside = baseline_m(message) if is_rectified and image.topic in self.plan.depth else (0, 0)
         if any(aside):
             self._warn_once(

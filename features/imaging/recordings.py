@@ -48,6 +48,8 @@ _SCALED_BY = 20
 _UNIT = "/option/Depth_Units/value"
 """Topic of a RealSense recording (SDK, not its ROS node) with the size of a step of depth, m."""
 
+_START_OF_BAG, _START_OF_MCAP = b"#ROSBAG V2.0", b"\x89MCAP0\r\n"
+
 _DAMAGED = (ValueError, KeyError, IndexError, AssertionError, EOFError, MemoryError, struct.error)
 """Errors of the reader where bytes are none of a recording's."""
 
@@ -181,11 +183,34 @@ def _reading(path: Path) -> Iterator[Any]:
         with AnyReader([path]) as reader:
             yield reader
     except (AnyReaderError, OSError) as error:
-        raise CloudFormatError(f"no recording of ROS: {error}") from error
+        reason = str(error).rstrip(".")
+        raise CloudFormatError(f"no recording of ROS: {reason}{_remedy(path)}") from error
     except CloudFormatError:
         raise
     except _DAMAGED as error:
         raise CloudFormatError(f"no recording of ROS, or a damaged one: {error}") from error
+
+
+def _remedy(path: Path) -> str:
+    """Return how to mend what begins like a recording, but was never finished; else nothing.
+
+    A robot that loses power leaves the index unwritten, which stands at the end: all that was
+    recorded is still there, and the tools of each format find it.
+    """
+    if path.is_dir():
+        if (path / "metadata.yaml").is_file() or not any(path.glob("*.[dm][bc]*")):
+            return ""
+        return f"; `ros2 bag reindex {path}` makes its metadata.yaml anew"
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(_START_OF_BAG))
+    except OSError:
+        return ""
+    if start.startswith(_START_OF_BAG):
+        return f"; if it was cut short, `rosbag reindex {path.name}` makes its index anew"
+    if start.startswith(_START_OF_MCAP):
+        return f"; if it was cut short, `mcap recover {path.name} -o OUT` saves what is there"
+    return ""
 
 
 def _first_message(reader: Any, connection: Any) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from features.codec import decode
 from features.codec.limits import Limits
 from features.codec.ros import image_bytes, pcd_from_point_cloud
 from features.geometry import Frame
-from features.imaging.camera import frame_of_grid, lens_from_message, lens_of_size
+from features.imaging.camera import doubtful_size, frame_of_grid, lens_from_message, lens_of_size
 from features.imaging.described import stamp_of
 from features.imaging.doubts import (
     doubtful_bytes,
@@ -125,6 +125,7 @@ def frame_of_images(
         noted += [
             doubtful_bytes(depth) or implausible_depth(pixels) or _doubtful_numbers(depth, pixels),
             doubtful_camera(lens.intrinsics),
+            doubtful_size(lens, info, pixels.shape),
             _of_another_camera(depth, info),
             "" if is_registered else _apart(depth, colour),
             doubtful_inverse(pixels),

@@ -439,10 +439,21 @@ def test_the_transparency_of_a_grey_tiff_is_not_passed_over() -> None:
 def test_pictures_that_show_nothing_are_refused() -> None:
     with pytest.raises(CloudFormatError, match="every pixel"):
         read_photo(_png(np.zeros((4, 4, 4), np.uint8)))
-    for suffix in (".png", ".tiff"):
-        deep = cv2.imencode(suffix, np.full((4, 4), 900, np.uint16))[1].tobytes()
+    deep = np.full((4, 4), 900, np.uint16)
+    # The last one is grey with alpha of 16 bits, whose pixels would be black in 8.
+    rows = b"".join(b"\0" + row.tobytes() for row in np.dstack([deep, deep]).astype(">u2"))
+    with_alpha = _png(np.zeros((4, 4), np.uint8))[:8] + b"".join(
+        struct.pack(">I", len(part)) + kind + part + struct.pack(">I", zlib.crc32(kind + part))
+        for kind, part in (
+            (b"IHDR", struct.pack(">IIBBBBB", 4, 4, 16, 4, 0, 0, 0)),
+            (b"IDAT", zlib.compress(rows)),
+            (b"IEND", b""),
+        )
+    )
+    pictures = [cv2.imencode(suffix, deep)[1].tobytes() for suffix in (".png", ".tiff")]
+    for picture in (*pictures, with_alpha):
         with pytest.raises(CloudFormatError, match="depth or infrared"):
-            read_photo(deep)
+            read_photo(picture)
 
 
 def test_a_cloud_in_millimetres_is_doubted() -> None:

@@ -40,6 +40,44 @@ def test_bytes_that_are_no_recording_are_told_in_one_line(
         first_view(path)
 
 
+def test_a_recording_that_was_cut_short_says_how_to_mend_it(tmp_path: Path) -> None:
+    """As a robot leaves one that loses power: its index stands at the end."""
+    drive = Drive()
+    good_topics(drive)
+    folder = drive.save(tmp_path / "drive")
+    (file,) = folder.glob("*.mcap")
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(file.read_bytes()[:-60])
+    with pytest.raises(CloudFormatError, match=r"`mcap recover cut\.mcap"):
+        first_view(cut)
+    unfinished = tmp_path / "day.bag"
+    unfinished.write_bytes(b"#ROSBAG V2.0\n" + bytes(4096))
+    with pytest.raises(CloudFormatError, match=r"`rosbag reindex day\.bag`"):
+        first_view(unfinished)
+    (folder / "metadata.yaml").unlink()
+    with pytest.raises(CloudFormatError, match="`ros2 bag reindex"):
+        first_view(folder)
+    junk = tmp_path / "junk.mcap"
+    junk.write_bytes(bytes(500))
+    with pytest.raises(CloudFormatError) as refused:
+        first_view(junk)
+    assert "recover" not in str(refused.value)
+
+
+@pytest.mark.parametrize("bins", [0, 2])
+def test_a_camera_of_another_size_is_taken_for_the_whole_view_and_that_is_said(
+    tmp_path: Path, bins: int
+) -> None:
+    drive = Drive()
+    drive.camera("/camera/depth/camera_info", k=[120.0, 0, 63.5, 0, 122, 47.5, 0, 0, 1])
+    told = drive.messages[-1][1]
+    told.width, told.height, told.binning_x, told.binning_y = 2 * WIDTH, 2 * HEIGHT, bins, bins
+    drive.image("/camera/depth/image_raw", 1005, "16UC1", depth_mm())
+    view, warnings = seen(drive, tmp_path)
+    assert view.intrinsics.fx == 60.0
+    assert [("no binning or roi" in text) for text in warnings] == [True] * (bins == 0)
+
+
 def test_a_rectified_image_is_described_by_p_and_not_straightened_again(tmp_path: Path) -> None:
     drive = Drive()
     drive.camera("/camera/depth/camera_info", d=BENT, p=P)

@@ -161,6 +161,22 @@ def test_an_entry_that_lacks_a_number_is_named_with_its_file(dataset, name, key)
         list(BopDataset(dataset).views(3))
 
 
+def test_images_and_scenes_may_be_numbered_with_fewer_digits(dataset):
+    """As writers of the layout do that began with SIXD; a folder of that format is no scene."""
+    (usual,) = BopDataset(dataset).views(3)
+    scene = dataset / "test/000003"
+    for kind in ("depth", "rgb"):
+        (scene / kind / "000005.png").rename(scene / kind / "0005.png")
+    scene.rename(dataset / "test/03")
+    (dataset / "test/04").mkdir()
+    (dataset / "test/04/gt.yml").write_text("{}")
+    assert BopDataset(dataset).scenes() == [3]
+    (view,) = BopDataset(dataset).views(3)
+    assert np.array_equal(view.frame.depth_m, usual.frame.depth_m)
+    assert np.array_equal(view.frame.rgb, usual.frame.rgb)
+    assert view.objects[0].mask.any()
+
+
 def test_damage_of_a_dataset_is_told_in_words(dataset):
     scene = dataset / "test/000003"
     with pytest.raises(ValueError, match=r"no such split; .* has models, test"):

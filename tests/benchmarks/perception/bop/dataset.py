@@ -2,7 +2,8 @@
 
 Layout: ``<dataset>/<split>/000001/{scene_camera,scene_gt,scene_gt_info}.json``, ``depth/`` and
 ``rgb/`` or ``gray/``, ``mask_visib/``; ``<dataset>/models/obj_000001.ply`` with
-``models_info.json``. Lengths on disk are mm, here they are m.
+``models_info.json``. Lengths on disk are mm, here they are m. Numbers in names may have fewer
+digits than six: writers with habits of SIXD, which the format grew out of, give images four.
 """
 
 from __future__ import annotations
@@ -119,7 +120,11 @@ class BopDataset:
         if not folder.is_dir():
             parts = sorted(entry.name for entry in self.folder.iterdir() if entry.is_dir())
             raise ValueError(f"{folder}: no such split; {self.folder} has {', '.join(parts)}")
-        return sorted(int(entry.name) for entry in folder.iterdir() if entry.name.isdigit())
+        return sorted(
+            int(entry.name)
+            for entry in folder.iterdir()
+            if entry.name.isdigit() and (entry / "scene_camera.json").is_file()
+        )
 
     def targets(self, name: str = "test_targets_bop19.json") -> list[tuple[int, int, int, int]]:
         """Return (scene, image, object, number of instances) of what is to be estimated."""
@@ -147,7 +152,7 @@ class BopDataset:
         ValueError
             When a file is damaged or an entry missing, with its path.
         """
-        folder = self.folder / split / f"{scene:06d}"
+        folder = _numbered(self.folder / split, scene)
         cameras = _read_json(folder / "scene_camera.json")
         true = _read_json(folder / "scene_gt.json", {})
         info = _read_json(folder / "scene_gt_info.json", {})
@@ -192,6 +197,14 @@ class BopDataset:
         )
 
 
+def _numbered(folder: Path, number: int, suffix: str = "") -> Path:
+    """Return the entry of a folder that has a number, of however many digits; of six if none."""
+    usual = folder / f"{number:06d}{suffix}"
+    # Six digits are the format's, and win where both are there; SIXD had four, and two of scenes.
+    names = (folder / f"{number:0{digits}d}{suffix}" for digits in (6, 4, 5, 3, 2, 1))
+    return next((path for path in names if path.exists()), usual)
+
+
 def _read_json(path: Path, default: Any = None) -> Any:
     if default is not None and not path.is_file():
         return default
@@ -212,7 +225,7 @@ def _numbers(path: Path, entry: Any, key: str, *shape: int) -> Float64Array:
 
 
 def _frame(folder: Path, number: int, camera: dict[str, Any]) -> Frame:
-    path, told = folder / "depth" / f"{number:06d}.png", folder / "scene_camera.json"
+    path, told = _numbered(folder / "depth", number, ".png"), folder / "scene_camera.json"
     depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
     if depth is None or depth.ndim != 2 or depth.dtype != np.uint16:
         raise ValueError(f"{path}: no depth image of 16 bits")
@@ -233,7 +246,7 @@ def _frame(folder: Path, number: int, camera: dict[str, Any]) -> Frame:
 def _colour(folder: Path, number: int) -> NDArray[np.uint8] | None:
     for kind in ("rgb", "gray"):
         for suffix in ("png", "jpg", "tif"):
-            path = folder / kind / f"{number:06d}.{suffix}"
+            path = _numbered(folder / kind, number, f".{suffix}")
             image = cv2.imread(str(path), cv2.IMREAD_COLOR) if path.is_file() else None
             if image is not None:
                 return np.ascontiguousarray(image[..., ::-1], dtype=np.uint8)
