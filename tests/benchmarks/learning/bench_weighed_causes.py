@@ -141,11 +141,14 @@ def changes_of(rows: Sequence[tuple[int, Mapping[str, tuple[int, int]]]]) -> lis
     for robot in (0, 1):
         attempts = {name: np.array([row[name][robot] for _, row in rows]) for name in CONDITIONS}
         for more, less in (("causes", "without"), ("weighed", "without"), ("weighed", "causes")):
-            difference = attempts[more] - attempts[less]
-            means = np.array([difference[of == i].mean() for i in np.unique(of)])
-            low, high = bootstrap(lambda i, means=means: float(means[i].mean()), len(means))
-            words.append(f"{means.mean():+.2f} [{low:+.2f}, {high:+.2f}]")
+            words.append(_over_products(attempts[more] - attempts[less], of))
     return words
+
+
+def _over_products(difference: NDArray[np.int64], of: NDArray[np.int64]) -> str:
+    means = np.array([difference[of == i].mean() for i in np.unique(of)])
+    low, high = bootstrap(lambda i: float(means[i].mean()), len(means))
+    return f"{means.mean():+.2f} [{low:+.2f}, {high:+.2f}]"
 
 
 def main() -> None:
