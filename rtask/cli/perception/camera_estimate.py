@@ -175,5 +175,9 @@ def _say(
             f"(+-{1000 * place_error_m:.1f}), by {place.views} boards"
         )
         if abs(place.depth_scale - 1) > _MAX_SCALE_OFF:
-            click.echo(f"depth is {place.depth_scale:.3f} times what the board says")
+            # A square of another size than was said changes distances, and nothing of the lens.
+            click.echo(
+                f"depth is {place.depth_scale:.3f} times what the board says: are its squares as "
+                "large as was said?"
+            )
     click.echo(f"written to {out}; give it as --camera")
