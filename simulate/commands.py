@@ -24,6 +24,7 @@ from simulate.fleet.commands import fetch
 from simulate.ros.commands import ros, ros2, ros_reach
 from simulate.tasks.arms.command import crew
 from simulate.tasks.commands import tasks
+from simulate.tasks.why import why
 
 __all__ = ["demo", "simulate"]
 
@@ -284,6 +285,7 @@ simulate.add_command(ros)
 simulate.add_command(ros2)
 simulate.add_command(tasks)
 simulate.add_command(crew)
+simulate.add_command(why)
 simulate.add_command(ros_reach)
 
 

@@ -9,6 +9,7 @@ import click
 from rtask.cli.connection import connection
 from rtask.cli.options import data_option, json_option, print_json, server_option
 from rtask.cli.things import name_or_iri
+from rtask.extras import needs_extra
 
 __all__ = ["why"]
 
@@ -18,7 +19,15 @@ __all__ = ["why"]
 @data_option
 @server_option
 @json_option
-def why(subject: str, data: Path, server: str | None, as_json: bool) -> None:
+@click.option(
+    "--try", "tries", is_flag=True,
+    help="Try the change in physics, five times, as `rtask simulate why` does; stores nothing.",
+)  # fmt: skip
+@click.pass_context
+def why(
+    context: click.Context, subject: str, data: Path, server: str | None, as_json: bool,
+    tries: bool,
+) -> None:  # fmt: skip
     """Say why an attempt, a step or a plan failed, and what would have mended it.
 
     Of an object, by its name or IRI, its latest attempt that failed is meant.
@@ -27,6 +36,11 @@ def why(subject: str, data: Path, server: str | None, as_json: bool) -> None:
     (another grasp, hand, order, a look before) under which the graph expects it to have held. Exit
     code 1 if no change that is known would have sufficed.
     """
+    if tries:
+        context.invoke(
+            _trial_command(context), subject=subject, data=data, server=server, as_json=as_json
+        )
+        return
     subject = name_or_iri(subject, data, server)
     with connection(data, server) as client:
         answer = client.call("explain_failure", subject=subject)
@@ -36,3 +50,16 @@ def why(subject: str, data: Path, server: str | None, as_json: bool) -> None:
         click.echo(answer["text"])
     if not answer["held"] and not answer["mends"]:
         raise SystemExit(1)
+
+
+def _trial_command(context: click.Context) -> click.Command:
+    """Return the command of the simulation, which a core without it does not have.
+
+    It is found by its name, since the core imports no simulation.
+    """
+    found: click.Command | None = context.find_root().command
+    for name in ("simulate", "why"):
+        found = found.get_command(context, name) if isinstance(found, click.Group) else None
+    if found is None:
+        raise needs_extra("simulate", "trying a change")
+    return found

@@ -5,6 +5,6 @@ reported, what the graph knows of the hand, the thing and its place, and the out
 make them more or less likely; the same hypotheses predict what a change would have done.
 """
 
-from rtask.tasks.diagnosis.diagnosis import Cause, Diagnosis, diagnose
+from rtask.tasks.diagnosis.diagnosis import Cause, Diagnosis, beliefs_of, diagnose
 
-__all__ = ["Cause", "Diagnosis", "diagnose"]
+__all__ = ["Cause", "Diagnosis", "beliefs_of", "diagnose"]

@@ -20,7 +20,7 @@ from rtask.tasks.diagnosis.hypotheses import (
 )
 from rtask.tasks.diagnosis.words import cause_in_words
 
-__all__ = ["Cause", "Diagnosis", "diagnose"]
+__all__ = ["Cause", "Diagnosis", "beliefs_of", "diagnose"]
 
 BOUND = 0.6
 """Chance at which a change is taken to mend a failure."""
@@ -145,8 +145,8 @@ def diagnose(failure: Failure) -> Diagnosis:
     """Return the causes of a failure by Bayes' rule, and what would have mended it."""
     if failure.held:
         return Diagnosis(failure, (), None, ())
-    hypotheses, clues = hypotheses_of(failure), clues_of(failure)
-    chances = _posterior(failure, hypotheses, clues)
+    clues, beliefs = clues_of(failure), beliefs_of(failure)
+    hypotheses, chances = [each for each, _ in beliefs], [chance for _, chance in beliefs]
     changes = []
     for change in changes_of(failure):
         held = sum(
@@ -162,6 +162,13 @@ def diagnose(failure: Failure) -> Diagnosis:
     others = _distinct(changes[1:], changes[:1])
     causes = _causes(failure, hypotheses, chances, clues)
     return Diagnosis(failure, causes, changes[0] if changes else None, others, again)
+
+
+def beliefs_of(failure: Failure) -> list[tuple[Hypothesis, float]]:
+    """Return each hypothesis about a failure with its chance; the chances sum to 1."""
+    hypotheses = hypotheses_of(failure)
+    chances = _posterior(failure, hypotheses, clues_of(failure))
+    return list(zip(hypotheses, chances, strict=True))
 
 
 def _posterior(

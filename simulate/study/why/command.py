@@ -30,15 +30,18 @@ _CHART = "shares.png"
     is_flag=True,
     help="Four kinds instead that no hypothesis is about and no change mends.",
 )
-def why(trials: int, seed: int, is_open: bool) -> Study:
+@click.option("--try", "tries", is_flag=True, help="Also try each change in physics.")
+def why(trials: int, seed: int, is_open: bool, tries: bool) -> Study:
     """Measure how often `rtask why` names the cause of an injected failure, and mends it.
 
     After some attempts of a Nao and a Panda at a table, one fails for a cause that the graph does
     not know. The change that the answer proposes is carried out under the same cause. The lab has
-    no dynamics. With --open the right answer is that the cause is unknown.
+    no dynamics. With --open the right answer is that the cause is unknown. With --try it is counted
+    how often a change that is another grasp or hand holds in physics, and in that truth.
     """
     path = "simulate.study.why.trial:run_trial"
-    settings = {"seed": seed, **({"is_open": True} if is_open else {})}
+    settings = {"seed": seed, **({"is_open": True} if is_open else {}),
+                **({"tries": True} if tries else {})}  # fmt: skip
     return Study("why", path, settings, trials, _describe)
 
 
@@ -56,12 +59,31 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
         f"processor time of a question: mean {summary['asked_s']:.2f} s, longest "
         f"{summary['longest_s']:.2f} s"
     )
+    if settings.get("tries"):
+        lines += _trial_lines(results)
     bars = [
         share_bar(kind, name, row[name], row["failures"])
         for kind, row in summary["by_kind"].items() for name in ("cause first", "mended")
     ]  # fmt: skip
     bar_chart(folder / _CHART, "Injected failures", "share", bars)
     return Report(summary, [Table("Injected failures", _COLUMNS, rows)], lines, pictures=[_CHART])
+
+
+def _trial_lines(results: Results) -> list[str]:
+    tried = [result for result in results if result["trial"]["tries"]]
+    said = [result for result in tried if result["trial"]["reproduces"]]
+    agree = sum(result["trial"]["agrees"] == result["holds"] for result in said)
+    low, high = wilson(agree, len(said))
+    both = sum(result["trial"]["agrees"] and result["holds"] for result in said)
+    holds = sum(result["trial"]["agrees"] for result in said)
+    times = [result["tried_s"] for result in tried]
+    return [
+        f"tried in physics: {len(tried)}, of which {len(said)} reproduced the failure",
+        f"trial and truth agree: {agree} of {len(said)}, {low:.2f} to {high:.2f}",
+        f"held in the trial: {holds}, of which {both} did in truth",
+        f"processor time of a trial: mean {sum(times) / max(len(times), 1):.2f} s, longest "
+        f"{max(times, default=0.0):.2f} s",
+    ]
 
 
 def summary_of(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

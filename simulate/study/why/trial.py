@@ -13,6 +13,7 @@ import numpy as np
 import rtask
 from rtask.engine import Engine
 from rtask.rdf.namespaces import PREFIXES
+from rtask.tasks.tasks import Tasks
 from simulate.study.tasks.trial import lab_update
 from simulate.study.why.truth import KINDS, OPEN_KINDS, Deed, Truth
 from simulate.world.seeds import stream
@@ -83,6 +84,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         began = time.process_time()
         answer = rtask.connect(engine).call("explain_failure", subject=subject)
         asked_s = time.process_time() - began
+        tried = _tried(kb, subject, number) if settings.get("tries") else {}
         return {
             "kind": kind, "says": answer["causes"][0]["kind"], "reason": answer["reason"],
             "chance": answer["causes"][0]["chance"],
@@ -91,7 +93,19 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
             "change": answer["change"]["kind"], "expected": answer["change"]["chance"],
             "mends": answer["mends"], "again_holds": _holds(lab, deed, {"kind": "again"}),
             "holds": _holds(lab, deed, answer["change"]), "asked_s": asked_s,
+            **tried,
         }  # fmt: skip
+
+
+def _tried(kb: Any, subject: str, number: int) -> dict[str, Any]:
+    """Return what comes of the change in physics, and what trying it takes."""
+    # The physics engine is imported only where something is tried.
+    from simulate.tasks.failure_trial import try_change
+
+    diagnosis = Tasks(kb).why(subject)
+    began = time.process_time()
+    trial = try_change(diagnosis, seed=number)
+    return {"trial": trial.to_dict(), "tried_s": time.process_time() - began}
 
 
 def _details(lab: _Lab) -> str:
