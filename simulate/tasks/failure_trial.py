@@ -144,7 +144,7 @@ def try_change(diagnosis: Diagnosis, tries: int = 5, seed: int = 0) -> FailureTr
         while done < min(tries, MAX_TRIES) and time.process_time() - began < _CPU_S:
             cause = beliefs[int(rng.choice(len(beliefs), p=chances / chances.sum()))][0]
             # Both grasps meet the same draw, so that only the change differs between them.
-            thing, weakness = _thing(failure, cause, rng), _weakness(cause, rng)
+            thing, weakness = _specification(failure, cause, rng), _weakness(cause, rng)
             failed_held += _holds(world, thing, failure, failure.tried, weakness, rng)
             held += _holds(world, thing, failure, changed, weakness, rng)
             done += 1
@@ -195,7 +195,7 @@ def _assumed(failure: Failure, hands: Sequence[Hand]) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _thing(failure: Failure, cause: Hypothesis, rng: np.random.Generator) -> ObjectSpec:
+def _specification(failure: Failure, cause: Hypothesis, rng: np.random.Generator) -> ObjectSpec:
     """Return the thing with what a cause hides in it."""
     length, width = float(failure.length or 0.0), float(failure.width or 0.0)
     mass, friction, secret = failure.mass or _MASS_KG, Friction(), Secret()

@@ -57,9 +57,9 @@ def _trial_command(context: click.Context) -> click.Command:
 
     It is found by its name, since the core imports no simulation.
     """
-    found: click.Command | None = context.find_root().command
+    command: click.Command | None = context.find_root().command
     for name in ("simulate", "why"):
-        found = found.get_command(context, name) if isinstance(found, click.Group) else None
-    if found is None:
+        command = command.get_command(context, name) if isinstance(command, click.Group) else None
+    if command is None:
         raise needs_extra("simulate", "trying a change")
-    return found
+    return command

@@ -71,15 +71,15 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
 
 def _trial_lines(results: Results) -> list[str]:
     tried = [result for result in results if result["trial"]["tries"]]
-    said = [result for result in tried if result["trial"]["reproduces"]]
-    agree = sum(result["trial"]["agrees"] == result["holds"] for result in said)
-    low, high = wilson(agree, len(said))
-    both = sum(result["trial"]["agrees"] and result["holds"] for result in said)
-    holds = sum(result["trial"]["agrees"] for result in said)
+    reproduced = [result for result in tried if result["trial"]["reproduces"]]
+    agree = sum(result["trial"]["agrees"] == result["holds"] for result in reproduced)
+    low, high = wilson(agree, len(reproduced))
+    both = sum(result["trial"]["agrees"] and result["holds"] for result in reproduced)
+    holds = sum(result["trial"]["agrees"] for result in reproduced)
     times = [result["tried_s"] for result in tried]
     return [
-        f"tried in physics: {len(tried)}, of which {len(said)} reproduced the failure",
-        f"trial and truth agree: {agree} of {len(said)}, {low:.2f} to {high:.2f}",
+        f"tried in physics: {len(tried)}, of which {len(reproduced)} reproduced the failure",
+        f"trial and truth agree: {agree} of {len(reproduced)}, {low:.2f} to {high:.2f}",
         f"held in the trial: {holds}, of which {both} did in truth",
         f"processor time of a trial: mean {sum(times) / max(len(times), 1):.2f} s, longest "
         f"{max(times, default=0.0):.2f} s",

@@ -38,7 +38,7 @@ _CALLS = {
     "service show": "a/b", "simulate crew": "every cup into the left box",
     "tasks cancel": "urn:t --reason x", "teach": "x p.png",
     "token expire": "x 1d", "token revoke": "x", "undo": "1", "update": "INSERT{}WHERE{}",
-    "where": "mug", "why": "urn:t", "world export": "scene.glb",
+    "where": "mug", "simulate why": "urn:t", "why": "urn:t", "world export": "scene.glb",
 }  # fmt: skip
 """Arguments of a call that is right where there is a graph."""
 _RUNNING = {
