@@ -72,6 +72,7 @@ _TERMS: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("world export", "frame"): (_OTHER, "world export scene.glb --frame {}"),
     ("where", "near"): (_PLACE, "where kb:object/1 --at 2026-01-01T10:30:00Z --near {}"),
     ("why", "subject"): (_OTHER, "why {}"),
+    ("simulate why", "subject"): (_OTHER, "simulate why {}"),
 }
 """Parameters that take a term: forms of one term, and a call with a place for it."""
 _OTHERS = {
