@@ -47,6 +47,10 @@ def test_of_more_things_than_are_looked_at_none_is_called_the_heaviest(lab, monk
     assert (result, "more than 3 things fit" in why) == ("refused", True), why
 
 
+WITH_PROPOSALS = ("goals-10", "goals-12")
+"""People talk around the goal here: a proposal that is right counts as well."""
+
+
 @pytest.mark.deep
 @pytest.mark.parametrize("path", sorted(GOALS.glob("*.txt")), ids=lambda path: path.stem)
 def test_lists_of_sentences_are_understood_as_well_as_they_were(lab, path):
@@ -54,6 +58,7 @@ def test_lists_of_sentences_are_understood_as_well_as_they_were(lab, path):
     goals = [found for found, (_, expected) in zip(results, sentences(path), strict=True)
              if expected != "X"]  # fmt: skip
     if path.stem.startswith("goals"):
-        assert goals.count("right") + goals.count("right proposal") >= 0.7 * len(goals)
+        counted = ("right", "right proposal") if path.stem in WITH_PROPOSALS else ("right",)
+        assert sum(map(goals.count, counted)) >= 0.7 * len(goals)
         assert "taken for another goal" not in results
     assert results.count("taken for another goal") <= 2
