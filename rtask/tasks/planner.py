@@ -108,7 +108,7 @@ def plan_goal(
     if obstacles and assume_reach:
         problem, assumed = _with_assumptions(task, problem, require_time)
         obstacles = explain_unsolvable(problem, task.mendable, require_time)
-    problem = _chosen(task, problem)
+    problem = _chosen(select, task, problem)
     # The goals are fewer now: what stood in the way of the others does not matter any more.
     if any(t.aim.number is not None or t.aim.others for t in task.targets):
         obstacles = explain_unsolvable(problem, task.mendable, require_time)
@@ -168,9 +168,10 @@ def _read(
     for aim in aims:
         pattern, of_aim = targets(select, aim)
         if not of_aim:
+            how = "" if is_words else f". It was sought by {aim.sparql or aim.pattern}"
             raise UnknownTermError(
                 f"nothing in the graph fits the goal {aim.text!r}; that does not mean that there "
-                f"is none. It was sought by {aim.sparql or aim.pattern}"
+                f"is none{how}"
             )
         patterns.append(pattern)
         all_targets += of_aim
@@ -235,13 +236,13 @@ def _with_assumptions(
     return replace(problem, facts=problem.facts | missing), tuple(sorted(missing))
 
 
-def _chosen(task: _Task, problem: Problem) -> Problem:
+def _chosen(select: Select, task: _Task, problem: Problem) -> Problem:
     """Return a problem with the goals of those things that are cheapest, where a number is given.
 
     Things that are there already cost nothing, and out of reach are the last to be chosen.
     """
     if all(target.aim.number is None and not target.aim.others for target in task.targets):
-        _require_one_place(task.targets)
+        _require_one_place(select, task.targets)
         return problem
     costs = dict(zip(problem.goals, goal_costs(problem), strict=True))
     chosen: list[Target] = []
@@ -263,7 +264,7 @@ def _chosen(task: _Task, problem: Problem) -> Problem:
             taken = {target.subject for target in chosen}
             of_aim = [target for target in of_aim if target.subject not in taken]
         chosen += of_aim
-    _require_one_place(chosen)
+    _require_one_place(select, chosen)
     order = {goal: at for at, goal in enumerate(problem.goals)}
     goals = sorted({target.goal for target in chosen}, key=lambda goal: order[goal])
     return replace(problem, goals=tuple(goals))
@@ -287,7 +288,7 @@ def _is_wanted(target: Target, others: Sequence[Target]) -> bool:
     )  # fmt: skip
 
 
-def _require_one_place(chosen: Sequence[Target]) -> None:
+def _require_one_place(select: Select, chosen: Sequence[Target]) -> None:
     """Refuse goals that exclude each other, which the search would find out only at its bound.
 
     Raises
@@ -300,10 +301,12 @@ def _require_one_place(chosen: Sequence[Target]) -> None:
         same = by_subject.setdefault(target.subject, [])
         for other in same:
             if _is_wanted(target, [other]):
+                # Of two red cups, each is told by what differs in its IRI.
+                names = names_of(select, [item.subject for item in chosen])
                 raise UsageError(
                     f"{other.aim.text!r} and {target.aim.text!r} cannot both hold in the end: "
-                    f"<{target.subject}> would have to be at two places; what is reached first is "
-                    "to stay so, also in a goal with 'then'"
+                    f"{names[target.subject]} would have to be at two places; what is reached "
+                    "first is to stay so, also in a goal with 'then'"
                 )
         same.append(target)
 

@@ -7,7 +7,6 @@ word has to fit where it stands, so that nothing is passed over in silence.
 from __future__ import annotations
 
 import datetime
-import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,42 +16,18 @@ from rtask.tasks.actions import Select
 from rtask.tasks.goals import MAX_TEXT, Aim
 from rtask.tasks.language.aims import STAYS, aims_of, holds
 from rtask.tasks.language.grammar.sentences import Reading, readings
-from rtask.tasks.language.items import Items, read_items
-from rtask.tasks.language.lexicon import ADJECTIVES, CLASSES, GRASP, NUMBERS, PUT, expanded
+from rtask.tasks.language.items import read_items
+from rtask.tasks.language.lexicon import expanded
 from rtask.tasks.language.meaning import Condition
+from rtask.tasks.language.refusing import names_in, not_understood, why_void
 from rtask.tasks.language.slips import MAX_SLIPS, mistyped
 from rtask.tasks.language.slots.proposals import Proposal, propose
 from rtask.tasks.language.times import deadline_in
 
 __all__ = ["MAX_TEXT", "Understood", "read_goal"]
 
-_MAX_NAMES = 500
 _MAX_COMPARED = 12
-_AT_PLACES = (
-    "a goal brings things to places that have a name, into hands, and away from places: say 'the "
-    "pen where the jug is' for the same place, and 'the cup nearest to the jug' for one of several"
-)
-_BEYOND = {
-    **dict.fromkeys(
-        ("next to", "beside", "between", "near", "behind", "in front of", "left of", "right of",
-         "alongside", "underneath"), _AT_PLACES),
-    **dict.fromkeys(
-        ("nearest", "closest", "farthest", "furthest"),
-        "to what is not said, or not where it is understood: say 'the cup nearest to panda-1 into "
-        "the left box', with a thing, robot or place by its name"),
-    **dict.fromkeys(
-        ("my", "your", "his", "her", "their", "mine", "yours"),
-        "whose a thing is the graph does not say: name it, or say what it is like"),
-    **dict.fromkeys(
-        ("without", "do not", "never", "avoid"),
-        "what may not be done is no goal, as robots move what is in their way: say how things are "
-        "to be in the end, such as 'leave the jug where it is' or 'no cup may stay on the table'"),
-    **dict.fromkeys(
-        ("carefully", "gently", "slowly", "quickly", "fast", "quietly", "straight"),
-        "how a robot moves is no part of a goal: leave it out"),
-}  # fmt: skip
-"""Words that no goal has, with what to say instead."""
-_VOCABULARY = frozenset().union(*CLASSES.values(), PUT, GRASP, ADJECTIVES, NUMBERS)
+_NOT_NONE = "what nobody has stated may be so all the same"
 
 
 _Meaning = tuple[frozenset[tuple[str, ...]], int | None, int, bool, bool]
@@ -164,18 +139,19 @@ def _read(select: Select, text: str, base: str, slips: int) -> Understood:
     items = read_items(select, text, base)
     ways = readings(items)
     if not ways:
-        names = _names(select)
+        names = names_in(select)
         slip = mistyped(items, names) if slips else None
         if slip is not None:
             try:
                 understood = _read(select, slip.corrected(text), base, slips - 1)
-            except UsageError as error:
+            except (UsageError, UnknownTermError) as error:
                 # What is doubtful of the corrected sentence helps more than the slip itself.
                 raise type(error)(f"{slip.remark}; {error}") from None
             return replace(understood, remarks=(slip.remark, *understood.remarks))
-        raise _not_understood(items, names)
+        raise not_understood(select, items, names)
     matches: dict[frozenset[_Meaning], Understood] = {}
     void: dict[frozenset[_Meaning], Understood] = {}
+    empty: list[Reading] = []
     torn: dict[frozenset[_Meaning], Understood] = {}
     errors: list[UsageError] = []
     for way in ways[:_MAX_COMPARED]:
@@ -193,6 +169,12 @@ def _read(select: Select, text: str, base: str, slips: int) -> Understood:
         # Nobody speaks of "the cups on the shelf" where none is there, if it can mean else.
         is_void = any(not ways for ways, *_ in meaning)
         (void if is_void else matches).setdefault(meaning, understood)
+        empty += [way] if is_void else []
+    if len(void) == 1 and not matches and not errors:
+        # All of these come to the same, so that the first one says what all of them lack.
+        reasons = _lacking(select, empty[0])
+        if reasons:
+            raise UnknownTermError(f"{'; '.join(reasons)}; {_NOT_NONE}")
     matches = matches or void or torn
     if not matches:
         raise errors[0]
@@ -205,7 +187,7 @@ def _understood(select: Select, way: Reading) -> Understood:
     aims: list[Aim] = []
     remarks: dict[str, None] = {}
     for deed, conditions in way.deeds:
-        unmet = [text for item, is_due in conditions if (text := _unmet(select, item, is_due))]
+        unmet = _unmet_of(select, conditions)
         if unmet:
             remarks.update(dict.fromkeys(unmet))
             continue
@@ -214,6 +196,19 @@ def _understood(select: Select, way: Reading) -> Understood:
             remarks[f"{deed.phrase.text}: there are not more"] = None
         aims += of_deed
     return Understood(tuple(aims), tuple(remarks))
+
+
+def _lacking(select: Select, way: Reading) -> list[str]:
+    """Return what a way of reading speaks of and the graph does not know; empty if that is hard."""
+    deeds = [deed for deed, conditions in way.deeds if not _unmet_of(select, conditions)]
+    try:
+        return list(dict.fromkeys(why_void(select, deeds)))
+    except UsageError:  # of more things than are looked at, it is not said where they are
+        return []
+
+
+def _unmet_of(select: Select, conditions: Sequence[tuple[Condition, bool]]) -> list[str]:
+    return [text for item, is_due in conditions if (text := _unmet(select, item, is_due))]
 
 
 def _unmet(select: Select, condition: Condition, is_due: bool) -> str:
@@ -265,50 +260,3 @@ def _ambiguous(
     return UsageError(
         f"{text!r} can be read in several ways, which are not the same here: {listed}"
     )
-
-
-def _names(select: Select) -> set[str]:
-    """Return names of things, places and robots, and of kinds of things."""
-    rows = select(
-        f"{PREFIXES}SELECT DISTINCT ?name WHERE {{ {{ ?x rt:name ?name . "
-        "{ ?x a rt:ManipulableObject } UNION { ?x a rt:SupportSurface } UNION { ?x a cora:Robot } "
-        "} UNION { ?k rdfs:subClassOf+ rt:ManipulableObject ; rdfs:label ?name } } "
-        f"LIMIT {_MAX_NAMES}"
-    )
-    return {str(row.value("name")) for row in rows}
-
-
-def _not_understood(items: Items, names: set[str]) -> UsageError | UnknownTermError:
-    at = min(items.furthest, len(items) - 1)
-    word = items.word(at)
-    listed = _listed(items)
-    spoken = f" {' '.join(items.words)} "
-    beyond = next((words for words in _BEYOND if f" {words} " in spoken), "")
-    if beyond:
-        return UsageError(f"{beyond!r}: {_BEYOND[beyond]}; understood: {listed}")
-    if items.furthest >= len(items):
-        return UsageError(
-            f"{items.text(0, len(items))!r} does not say where to, or not clearly; understood: "
-            f"{listed}; a goal is such as 'every cup into the left box'"
-        )
-    covered = {at for name in items.named
-               for at in range(name.mentions[0].start, name.mentions[0].end)}  # fmt: skip
-    if at in covered or word in _VOCABULARY or not word.isalpha():
-        robots = [name for name in items.named if name.role("robot") is not None]
-        is_after_robot = any(m.start <= at <= m.end for name in robots for m in name.mentions)
-        advice = "; which robot does it, the plan chooses: leave it out" if is_after_robot else ""
-        return UsageError(
-            f"{word!r} after {items.text(0, at)!r} is not understood where it stands; understood: "
-            f"{listed}{advice}"
-        )
-    near = difflib.get_close_matches(word, sorted(names), n=3, cutoff=0.5)
-    hint = f"; the nearest names are {', '.join(near)}" if near else ""
-    return UnknownTermError(
-        f"{word!r} means nothing here in a goal and is no name in the graph{hint}; understood: "
-        f"{listed}"
-    )
-
-
-def _listed(items: Items) -> str:
-    named = [f"{m.text!r} ({m.role})" for name in items.named for m in name.mentions]
-    return ", ".join(dict.fromkeys(named)) or "nothing"

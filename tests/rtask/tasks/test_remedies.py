@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 import rtask
+from rtask.errors import RtaskError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.namespaces import PREFIXES
 from tests.rtask.tasks.conftest import BASE, LAB, LEFT, RIGHT, TABLE, placed, robot
@@ -88,3 +89,23 @@ def test_of_what_no_action_brings_about_that_is_the_reason(lab: KnowledgeBase) -
     goal = '?t <urn:weighedBy> ?r WHERE { ?t rt:exemplarOf/rt:name "pen" . ?r rt:name "nao-1" }'
     (refusal,) = lab.tasks.plan(goal).refusals
     assert refusal.text.startswith("no action that the graph knows of brings this about")
+
+
+@pytest.mark.parametrize(
+    ("goal", "said"),
+    [
+        ("the pen into the attic", r"'attic' means nothing.*places are left box, right box, table"),
+        ("the pen into the right bax", r"places are right box, left box, table"),
+        ("red cup to bare", r"^no hand of bare is stated \(rt:hasEndEffector\)"),
+        ("the pen from the right box to the left box", r"no pen from right box, only at table;"),
+        ("the pen into the left box of panda-1", r"^that panda-1 reaches left box is not known"),
+        ("the pen on the table and the pen in the left box", r": pen would have to be at two"),
+        ("nao-1's pens on the table", r'"nao-1\'s" at the beginning is not.*whose a thing is'),
+    ],
+)
+def test_what_is_wrong_with_a_goal_is_said_by_names(
+    lab: KnowledgeBase, goal: str, said: str
+) -> None:
+    with pytest.raises(RtaskError, match=said) as caught:
+        lab.tasks.plan(goal)
+    assert not re.search(r"SELECT|https?:|''", str(caught.value)), "in words, for people"
