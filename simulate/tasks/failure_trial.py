@@ -155,8 +155,10 @@ def try_change(diagnosis: Diagnosis, tries: int = 5, seed: int = 0) -> FailureTr
 def _refusal(diagnosis: Diagnosis) -> str:
     """Return why a change cannot be tried; empty if it can."""
     failure, change = diagnosis.failure, diagnosis.change
-    if change is None or failure.held:
+    if failure.held:
         return "nothing failed"
+    if change is None:
+        return "no change is known that would have mended it"
     first = diagnosis.causes[0]
     if first.kind not in _IN_PHYSICS:
         return f"the likeliest cause ({first.kind}) is not one that a hand and a thing alone show"

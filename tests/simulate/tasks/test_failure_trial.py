@@ -52,6 +52,7 @@ def test_what_a_hand_and_a_thing_alone_do_not_show_is_not_tried():
 
 def test_an_unknown_length_is_said_and_never_guessed():
     diagnosis = diagnose(HEAVY_LEFT)
+    assert "no change is known" in try_change(replace(diagnosis, change=None)).text
     unknown = replace(diagnosis, failure=replace(diagnosis.failure, width=None))
     assert "does not say the width" in try_change(unknown).text
 
