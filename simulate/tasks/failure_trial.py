@@ -161,7 +161,7 @@ def _refusal(diagnosis: Diagnosis) -> str:
         return "no change is known that would have mended it"
     first = diagnosis.causes[0]
     if first.kind not in _IN_PHYSICS:
-        return f"the likeliest cause ({first.kind}) is not one that a hand and a thing alone show"
+        return f"the likeliest cause ({first.text}) is not one that a hand and a thing alone show"
     if change.kind not in _CHANGES:
         return f"the change ({change.kind}) is neither another grasp nor another hand"
     for value, what in (
