@@ -26,7 +26,7 @@ _MAX_TRIES = 50
 @data_option
 @server_option
 @click.option(
-    "-n", "--tries", type=click.IntRange(1, _MAX_TRIES), default=5, show_default=True,
+    "-n", "--trials", "tries", type=click.IntRange(1, _MAX_TRIES), default=5, show_default=True,
     help="How often the change is tried.",
 )  # fmt: skip
 @options.seed("what is drawn for each try")
