@@ -16,7 +16,9 @@ __all__ = [
     "is_cut_off",
     "is_deep_grey",
     "is_grey_of_floats",
+    "is_half_floats",
     "is_image",
+    "more_pictures",
     "orientation_of",
     "stored_orientation",
     "transparent_grey",
@@ -31,6 +33,9 @@ _STANDALONE = frozenset({0x01, *range(0xD0, 0xD9)})
 _MAX_TIFF_ENTRIES = 256
 _WIDTH, _HEIGHT, _BITS, _MEANING, _ORIENTATION, _SAMPLES = 256, 257, 258, 262, 274, 277
 _NUMBERS, _FLOATS = 339, 3
+_SUBFILE, _REDUCED_OR_MASK = 254, 5
+_MAX_PICTURES = 10_000
+_WEBP_ANIMATION = 2
 _TIFF_RGB = 2
 _PNG_GREY = (0, 4)
 """Colour types of PNG (11.2.1): grey, and grey with alpha."""
@@ -108,6 +113,27 @@ def is_grey_of_floats(data: bytes) -> bool:
         and _tiff_number(data, _NUMBERS, 1) == _FLOATS
         and _tiff_number(data, _SAMPLES, 1) == 1
     )
+
+
+def is_half_floats(data: bytes) -> bool:
+    """Whether a TIFF has numbers of 16 bits with decimals, which OpenCV does not decode."""
+    return data[:4] in _TIFF and bits_of(data) == 16 and _tiff_number(data, _NUMBERS, 1) == _FLOATS
+
+
+def more_pictures(data: bytes) -> str:
+    """Return a sentence where a file holds several pictures, of which the first is read.
+
+    An animated PNG (third edition, 4.9) or WebP (RFC 9649, 2.7.1.1), and a TIFF of several pages
+    (TIFF 6.0, section 2), where previews and masks of a page count for nothing.
+    """
+    if data.startswith(_PNG):
+        control = _png_chunk(data[: max(data.find(b"IDAT"), 0)], b"acTL")
+        count = int.from_bytes(control[:4], "big")
+    elif _is_webp(data):
+        count = _webp_frames(data)
+    else:
+        count = _tiff_pages(data) if data[:4] in _TIFF else 1
+    return "" if count < 2 else f"it holds {count} pictures, of which the first is read"
 
 
 def has_alpha(data: bytes) -> bool:
@@ -222,6 +248,33 @@ def _webp_size(data: bytes) -> tuple[int, int]:
     return (low_w | high_w << 16) + 1, (low_h | high_h << 16) + 1
 
 
+def _webp_frames(data: bytes) -> int:
+    """Return the number of chunks ANMF of an animation; 1 for a still picture."""
+    if data[12:16] != b"VP8X" or len(data) < 30 or not data[20] & _WEBP_ANIMATION:
+        return 1
+    count, offset = 0, 12
+    while offset + 8 <= len(data):
+        count += data[offset : offset + 4] == b"ANMF"
+        length = int.from_bytes(data[offset + 4 : offset + 8], "little")
+        offset += 8 + length + length % 2
+    return count
+
+
+def _tiff_pages(data: bytes) -> int:
+    """Return the number of directories that are pages; a chain may be damaged, or run in a ring."""
+    order, pages, seen = _TIFF[data[:4]], 0, set[int]()
+    try:
+        (start,) = struct.unpack_from(order + "I", data, 4)
+        while start and start not in seen and len(seen) < _MAX_PICTURES:
+            seen.add(start)
+            pages += not _entries_at(data, order, start).get(_SUBFILE, 0) & _REDUCED_OR_MASK
+            (count,) = struct.unpack_from(order + "H", data, start)
+            (start,) = struct.unpack_from(order + "I", data, start + 2 + 12 * count)
+    except struct.error:
+        pass
+    return pages
+
+
 def _bmp_size(data: bytes) -> tuple[int, int]:
     if struct.unpack_from("<I", data, 14)[0] == 12:
         width, height = struct.unpack_from("<HH", data, 18)
@@ -242,6 +295,11 @@ def _tiff_entries(data: bytes) -> dict[int, int]:
     """Return the whole numbers of the first directory by their tags (TIFF 6.0, section 2)."""
     order = _TIFF[data[:4]]
     (start,) = struct.unpack_from(order + "I", data, 4)
+    return _entries_at(data, order, start)
+
+
+def _entries_at(data: bytes, order: str, start: int) -> dict[int, int]:
+    """Return the whole numbers of the directory at an offset."""
     (count,) = struct.unpack_from(order + "H", data, start)
     entries = {}
     for k in range(min(count, _MAX_TIFF_ENTRIES)):

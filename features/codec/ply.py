@@ -34,6 +34,7 @@ def read_ply(data: bytes, limits: Limits) -> Cloud:
     CloudFormatError
         When the header does not read, or the file ends before its last vertex.
     """
+    data = _with_line_feeds(data)
     end = data.find(b"\nend_header", 0, _MAX_HEADER) + 1
     body = data.find(b"\n", end) + 1
     if end == 0 or body == 0:
@@ -54,6 +55,17 @@ def read_ply(data: bytes, limits: Limits) -> Cloud:
     if (of < 0).any():
         raise CloudFormatError("PLY: a vertex has no place in the range grid")
     return replace(cloud, shape=shape, places=of)
+
+
+def _with_line_feeds(data: bytes) -> bytes:
+    """Return a file whose lines end with CR alone, as old Macintosh programs wrote, with LF."""
+    first = data.find(b"\r")
+    if first < 0 or b"\n" in data[: first + 2]:
+        return data
+    end = data.find(b"\rend_header\r", 0, _MAX_HEADER) + len(b"\rend_header\r")
+    head, body = data[:end].replace(b"\r", b"\n"), data[end:]
+    # Numbers of a binary body may hold the byte of CR.
+    return head + (body.replace(b"\r", b"\n") if b"\nformat ascii " in head else body)
 
 
 def _vertices(header: _Header, rows: bytes) -> tuple[Table, bytes]:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from features.codec.image_header import (
+    bits_of,
     has_alpha,
     image_size,
     is_deep_grey,
+    is_half_floats,
+    more_pictures,
     orientation_of,
     transparent_grey,
 )
@@ -53,11 +56,14 @@ class Photo:
     opaque : (h, w) bool or None
         Pixels that are not transparent; what lies under the others was cut away and is black. None
         = all.
+    doubt
+        What of the file was not read, in a sentence; empty where all of it was.
     """
 
     rgb: UInt8Array
     full_size: tuple[int, int]
     opaque: NDArray[np.bool_] | None = None
+    doubt: str = ""
 
     @property
     def scale(self) -> float:
@@ -80,8 +86,21 @@ def read_photo(data: bytes, max_px: int = _ENOUGH_PX) -> Photo:
     ------
     CloudFormatError
         When the bytes are none of these, are damaged, or declare more than :data:`MAX_PX`; when
-        they are grey with 16 bits, which is depth or infrared, or transparent altogether.
+        they are grey with 16 bits, which is depth or infrared, also where that is repeated as red,
+        green and blue; or transparent altogether.
     """
+    photo = replace(_read(data, max_px), doubt=more_pictures(data))
+    # Depth of a metre in steps of 1 mm would be a black photograph.
+    if bits_of(data) == 16 and (photo.rgb == photo.rgb[..., :1]).all():
+        raise CloudFormatError(
+            "16 bits, and red, green and blue are the same: depth or infrared saved as colours; a "
+            "photograph has 8 bits a channel"
+        )
+    return photo
+
+
+def _read(data: bytes, max_px: int) -> Photo:
+    """Decode a picture of at most so many pixels; see :func:`read_photo`."""
     width, height = image_size(data)
     if width < 1 or height < 1:
         raise CloudFormatError(f"the image has no pixels: {width}x{height}")
@@ -94,6 +113,8 @@ def read_photo(data: bytes, max_px: int = _ENOUGH_PX) -> Photo:
         raise CloudFormatError(
             "grey of 16 bits, which is depth or infrared: a photograph has 8 bits a channel"
         )
+    if is_half_floats(data):
+        raise CloudFormatError("a TIFF of 16-bit numbers with decimals; save it with 8 bits")
     if has_alpha(data):
         cut_out = _read_with_alpha(data, width * height, max_px)
         if cut_out is not None:

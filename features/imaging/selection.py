@@ -43,7 +43,7 @@ def frame_of_photo(
     if labels is not None:
         labels = _of_label(labels, label).astype(np.int32)
     view, labels = view_of_photo(photo, labels, box)
-    return view.crop(labels > 0)
+    return replace(view.crop(labels > 0), doubts=view.doubts)
 
 
 def view_of_photo(
@@ -90,7 +90,8 @@ def view_of_photo(
         labels = fit_labels(labels, (size[1], size[0]))
     camera = Intrinsics.from_fov(*size, _PHOTO_FOV_RAD)
     depth = np.zeros(labels.shape, np.float32)
-    return Frame(depth, camera, rgb, is_mask_guessed=is_guessed), labels
+    doubts = (photo.doubt,) if photo.doubt else ()
+    return Frame(depth, camera, rgb, is_mask_guessed=is_guessed, doubts=doubts), labels
 
 
 def _longest_side(labels: NDArray[np.int32]) -> int:

@@ -155,7 +155,9 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
             kind = "an image of 8 bits"
             raise UsageError(f"{file} is {kind}; FILE must be a 16-bit depth image beside --colour")
         _allow(file, "a photograph, read without a camera", view, ())
-        return read_photo(data)
+        photo = read_photo(data)
+        _say_doubt(file, photo.doubt)
+        return photo
     _allow(file, "a depth image", view, tuple(name for name in OPTIONS if name != "--at"))
     image = read_image(file, data, limits)
     try:
@@ -302,7 +304,12 @@ def read_image(file: Path, data: bytes, limits: Limits) -> NDArray[Any]:
     import numpy as np
 
     from features.codec import CloudFormatError
-    from features.codec.image_header import image_size, is_cut_off
+    from features.codec.image_header import (
+        image_size,
+        is_cut_off,
+        is_half_floats,
+        more_pictures,
+    )
 
     try:
         limits.check_image(*image_size(data))
@@ -310,6 +317,9 @@ def read_image(file: Path, data: bytes, limits: Limits) -> NDArray[Any]:
         raise DataError(f"{file}: {error}") from error
     if is_cut_off(data):
         raise DataError(f"{file}: the PNG is cut off")
+    if is_half_floats(data):
+        raise DataError(f"{file}: a TIFF of 16-bit numbers with decimals; save it with 32 bits")
+    _say_doubt(file, more_pictures(data))
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:

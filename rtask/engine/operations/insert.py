@@ -281,7 +281,8 @@ class _Writer:
             features,
         )
         clock = wrong or (prepared.outcome.clock if prepared.outcome else "")
-        remarks = [remark for remark in (clock, weakness(prepared.seen)) if remark]
+        doubts = prepared.seen.frame.doubts
+        remarks = [remark for remark in (clock, *doubts, weakness(prepared.seen)) if remark]
         message = {"message": "; ".join(remarks)} if remarks else {}
         return {**entry, "thing": handled, **self._resembled(prepared, object_iri), **message}
 

@@ -122,7 +122,8 @@ def verdict(recognition: Recognition, memory: Memory, seen: Observation | None =
     Of a look that nothing was accepted for, ``seen`` says what its picture lacks: a dark one
     resembles nothing, which does not mean that the object is not stored.
     """
-    sentence = _verdict(recognition, memory)
+    doubts = () if seen is None else seen.frame.doubts
+    sentence = "; ".join((_verdict(recognition, memory), *doubts))
     if recognition.accepted or seen is None or seen.frame.rgb is None:
         return sentence
     from features.imaging.exposure import lacking

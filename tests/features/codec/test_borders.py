@@ -205,6 +205,17 @@ def test_colours_of_a_ply_are_read_in_whatever_scale(names: str, kind: str, scal
     assert cloud.colours.tolist() == [[255, 51, 0]]
 
 
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
+def test_the_lines_of_a_ply_may_end_with_cr_alone(order: str) -> None:
+    head = f"ply\rformat {order} 1.0\relement vertex 2\r"
+    head += "".join(f"property float {name}\r" for name in "xyz") + "end_header\r"
+    # The bytes of the binary numbers hold a CR of their own.
+    places = np.array([[1, 2, 3], np.frombuffer(b"\r\0\x80?" * 3, "<f4")], np.float32)
+    text = "".join(" ".join(repr(float(x)) for x in row) + "\r" for row in places)
+    body = text.encode() if order == "ascii" else places.tobytes()
+    assert np.array_equal(decode(head.encode() + body).points(), places)
+
+
 @pytest.mark.parametrize(
     ("field", "packed"),
     [("F 4", "4.210752e+06"), ("F 4", "5.90052e-39"), ("U 8", "4210752"), ("I 4", "4210752")],

@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 
 from features.codec import CloudFormatError
+from features.codec.image_header import is_half_floats, more_pictures
+from features.codec.limits import Limits
 from features.geometry import Frame, Intrinsics
 from features.imaging.foreground import find_foreground
 from features.imaging.photo import read_photo
 from features.imaging.selection import chosen_object, frame_of_photo
+from rtask.cli.perception.scene_file import read_image
+from rtask.errors import DataError
 
 
 def scene(height=300, width=400):
@@ -100,3 +104,66 @@ def test_a_box_picks_the_segment_inside_it():
     assert crop.mask is not None
     middle = np.argwhere(crop.mask).mean(axis=0) + np.array([crop.y0, crop.x0])
     assert np.abs(middle - (340, 440)).max() < 5
+
+
+def several(suffix):
+    """Return a file of two pictures that differ."""
+    pages = [np.full((12, 16, 3), 60, np.uint8), np.full((12, 16, 3), 200, np.uint8)]
+    if suffix == ".tif":
+        return cv2.imencodemulti(suffix, pages)[1].tobytes()
+    animation = cv2.Animation()
+    animation.frames, animation.durations = pages, [100, 100]
+    return cv2.imencodeanimation(suffix, animation, [])[1].tobytes()
+
+
+@pytest.mark.parametrize("suffix", [".webp", ".png", ".tif"])
+def test_of_several_pictures_the_first_is_read_and_that_is_said(suffix):
+    photo = read_photo(several(suffix))
+    assert photo.rgb.mean() == pytest.approx(60, abs=3)
+    assert photo.doubt == "it holds 2 pictures, of which the first is read"
+    assert frame_of_photo(photo, box=[2, 2, 8, 8]).doubts == (photo.doubt,)
+    single = read_photo(cv2.imencode(suffix, np.full((12, 16, 3), 60, np.uint8))[1].tobytes())
+    assert single.doubt == ""
+    assert frame_of_photo(single, box=[2, 2, 8, 8]).doubts == ()
+
+
+def test_a_ring_of_pages_and_a_preview_are_no_further_pictures():
+    tiff = bytearray(cv2.imencode(".tif", np.full((12, 16, 3), 60, np.uint8))[1].tobytes())
+    (start,) = struct.unpack_from("<I", tiff, 4)
+    (count,) = struct.unpack_from("<H", tiff, start)
+    following = start + 2 + 12 * count
+    struct.pack_into("<I", tiff, following, start)
+    assert more_pictures(bytes(tiff)) == ""
+    # NewSubfileType 1: a reduced version of another picture (TIFF 6.0, section 8).
+    preview = struct.pack("<HHHIII", 1, 254, 4, 1, 1, 0)
+    struct.pack_into("<I", tiff, following, len(tiff))
+    assert more_pictures(bytes(tiff) + preview) == ""
+    assert more_pictures(bytes(tiff) + preview.replace(b"\xfe\0", b"\xfd\0", 1)) != ""
+
+
+def test_depth_that_is_repeated_as_colours_is_no_black_photograph():
+    depth = np.linspace(500, 1500, 12 * 16).reshape(12, 16).astype(np.uint16)
+    for suffix in (".png", ".tif"):
+        data = cv2.imencode(suffix, np.dstack([depth] * 3))[1].tobytes()
+        with pytest.raises(CloudFormatError, match="depth or infrared saved as colours"):
+            read_photo(data)
+        coloured = np.dstack([depth * 40, depth * 20, depth * 10])
+        assert read_photo(cv2.imencode(suffix, coloured)[1].tobytes()).rgb.max() > 200
+
+
+def test_a_tiff_of_half_floats_is_refused_before_it_is_decoded(capfd, tmp_path):
+    whole = cv2.imencode(".tif", np.ones((12, 16), np.float32))[1].tobytes()
+    data = bytearray(whole)
+    (start,) = struct.unpack_from("<I", data, 4)
+    (count,) = struct.unpack_from("<H", data, start)
+    for at in range(start + 2, start + 2 + 12 * count, 12):
+        if struct.unpack_from("<H", data, at) == (258,):  # BitsPerSample
+            struct.pack_into("<H", data, at + 8, 16)
+    assert not is_half_floats(whole)
+    with pytest.raises(CloudFormatError, match="16"):
+        read_photo(bytes(data))
+    file = tmp_path / "depth.tif"
+    file.write_bytes(data)
+    with pytest.raises(DataError, match="16-bit numbers with decimals"):
+        read_image(file, bytes(data), Limits())
+    assert capfd.readouterr().err == ""

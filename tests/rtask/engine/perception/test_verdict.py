@@ -48,11 +48,14 @@ def test_what_resembles_nothing_much_may_not_be_the_nearest() -> None:
 
 
 def test_a_picture_that_shows_too_little_is_named_where_nothing_was_accepted() -> None:
-    night: Any = SimpleNamespace(frame=SimpleNamespace(rgb=np.full((40, 60, 3), 20, np.uint8)))
+    dark = np.full((40, 60, 3), 20, np.uint8)
+    night: Any = SimpleNamespace(frame=SimpleNamespace(rgb=dark, doubts=()))
     said = verdict(Recognition("null", False), KNOWN, night)
     assert said.endswith("; the picture is dark; the picture has no colours")
     sure = replace(_doubt(False), accepted=True)
     assert verdict(sure, KNOWN, night) == "is mug"
+    night.frame.doubts = ("it holds 2 pictures, of which the first is read",)
+    assert verdict(sure, KNOWN, night).startswith("is mug; it holds 2 pictures")
 
 
 def test_what_no_look_would_decide_says_nothing_of_the_light() -> None:
