@@ -135,8 +135,8 @@ def export(
 
     A viewer of recordings shows the pictures, the views with depth, the joints, and each attempt as
     JSON; `rtask recognise` and `rtask segment` read the views. A data set (format v3.0) has the
-    joints and commands of the attempts for which robots recorded them. `rtask episodes import`
-    loses nothing from either.
+    joints and commands of the attempts for which robots recorded them, and the command says how
+    many had none. `rtask episodes import` loses nothing from either.
     """
     from rtask.extras import naming_extras
     from rtask.interop.episodes.episode import episodes_of
@@ -158,6 +158,8 @@ def export(
         made = {key: value for key, value in asdict(written).items() if key != "doubts"}
         print_json({"path": str(out), **made})
         return
+    for reason in written.left_out:
+        click.echo(f"{out}: {reason}", err=True)
     click.echo(
         f"{out}: {written.episodes} episodes, {written.pictures} pictures, {written.views} views, "
         f"{written.motions} motions, {written.statements} statements"

@@ -140,7 +140,7 @@ def episodes_of(
     Raises
     ------
     UsageError
-        ``since`` has no time zone, or ``query`` is no SELECT.
+        ``since`` has no time zone, or ``query`` is no SELECT of attempts.
     QuerySyntaxError
         ``query`` cannot be read.
     """
@@ -182,8 +182,22 @@ def _selected(kb: GraphCore, query: str) -> set[str]:
         rows = kb.select(f"{PREFIXES}\n{query}")
     except UnsupportedError as error:
         raise UsageError(f"attempts are chosen by a SELECT: {error}") from error
+    if not rows.variables:  # SELECT * of a pattern without variables
+        raise UsageError("attempts are chosen by a SELECT of ?attempt; this one has no variable")
     column = "attempt" if "attempt" in rows.variables else rows.variables[0]
-    return {str(row.value(column)) for row in rows}
+    named = {term for row in rows if (term := row[column]) is not None}
+    # Rows of something else would look like a selection in which nothing happened to fit.
+    attempts = {
+        term.value
+        for term in named
+        if isinstance(term, NamedNode) and kb.match(term, RDF.type, RT.GraspAttempt)
+    }
+    if named and not attempts:
+        raise UsageError(
+            f"attempts are chosen by a SELECT of ?attempt; the ?{column} of this one is no "
+            f"attempt (rt:GraspAttempt), such as {min(map(str, named))}"
+        )
+    return attempts
 
 
 def _rows(kb: GraphCore, query: str) -> Iterator[dict[str, Any]]:

@@ -90,6 +90,11 @@ def write_lerobot(
     progress
         Called with how many episodes are written and how many there are.
 
+    Returns
+    -------
+    Written
+        With the attempts that are left out, by reason: a caller that chose them is to be told.
+
     Raises
     ------
     UsageError
@@ -99,9 +104,10 @@ def write_lerobot(
         raise UsageError(f"{folder} exists; give another name or remove it")
     if not folder.parent.is_dir():
         raise UsageError(f"{folder}: there is no folder {folder.parent}")
+    episodes = sorted(episodes, key=lambda e: (e.ended, e.attempt))
     recorded = [
         (episode, Motion.from_bytes(kb.blobs.read(episode.motion)).at_rate(rate_hz))
-        for episode in sorted(episodes, key=lambda e: (e.ended, e.attempt))
+        for episode in episodes
         if episode.motion
     ]
     if not recorded:
@@ -120,7 +126,17 @@ def write_lerobot(
         (made / RECORDING).parent.mkdir()
         written = write_episodes(kb, selected, made / RECORDING, progress)
         made.replace(folder)
+    written.left_out = _left_out(len(episodes), len(recorded), len(selected), hand)
     return written
+
+
+def _left_out(asked: int, recorded: int, selected: int, hand: str | None) -> list[str]:
+    """Return in words how many attempts are not in the data set, and why."""
+    reasons = {
+        "without recorded joints (`motion` of an outcome)": asked - recorded,
+        f"with another hand than {hand}": recorded - selected,
+    }
+    return [f"{count} of {asked} left out: {why}" for why, count in reasons.items() if count]
 
 
 def _of_single_hand(

@@ -52,6 +52,8 @@ class Written:
         Views are depth with colour, as the robot saw the object; motions its joints over time.
     doubts
         Of what was read, such as the unit of joints.
+    left_out
+        Attempts that were asked for and are not in what was written, in words: how many, and why.
     """
 
     episodes: int = 0
@@ -61,6 +63,7 @@ class Written:
     views: int = 0
     motions: int = 0
     doubts: list[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
 
 
 class _Sink(Protocol):

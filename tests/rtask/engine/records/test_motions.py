@@ -246,7 +246,12 @@ def test_hands_are_not_mixed_in_one_data_set(told, bench, robots, kb, tmp_path):
     with pytest.raises(UsageError, match="no attempt with the hand 'foot'"):
         write_lerobot(kb, found, tmp_path / "set", hand="foot")
     assert not list(tmp_path.iterdir())
-    assert write_lerobot(kb, found, tmp_path / "set", hand="other_hand").episodes == 1
+    written = write_lerobot(kb, found, tmp_path / "set", hand="other_hand")
+    assert written.episodes == 1
+    assert written.left_out == [
+        "1 of 4 left out: without recorded joints (`motion` of an outcome)",
+        "2 of 4 left out: with another hand than other_hand",
+    ]
 
 
 def test_a_query_says_which_attempts_make_a_data_set(told, kb, tmp_path):
@@ -255,9 +260,26 @@ def test_a_query_says_which_attempts_make_a_data_set(told, kb, tmp_path):
     assert (only.held, only.reason) == (False, "missed")
     first = episodes_of(kb, query="SELECT ?a ?x { ?a a rt:GraspAttempt ; rt:performedBy ?x }")
     assert first == episodes_of(kb)
-    assert write_lerobot(kb, [only], tmp_path / "lost").episodes == 1
-    with pytest.raises(UsageError):
-        episodes_of(kb, query="ASK { ?a ?b ?c }")
+    written = write_lerobot(kb, [only], tmp_path / "lost")
+    assert (written.episodes, written.left_out) == (1, [])
+    held = 'SELECT ?attempt { ?attempt rt:hasOutcome/rt:success true ; rt:activates/rt:name "%s" }'
+    by_right_hand = episodes_of(kb, query=held % "right_hand")
+    assert [one.robot_name for one in by_right_hand] == ["nao-2", "nao-3"]
+    assert not episodes_of(kb, query=held % "third_hand")
+
+
+@pytest.mark.parametrize(
+    ("query", "words"),
+    [
+        ("ASK { ?a ?b ?c }", "chosen by a SELECT"),
+        ("SELECT * { }", "has no variable"),
+        ("SELECT ?task { ?task rt:through ?x }", r"the \?task of this one is no attempt .*/task/"),
+        ("SELECT ?attempt { ?x rt:name ?attempt }", r"the \?attempt of this one is no attempt"),
+    ],
+)
+def test_a_query_of_something_else_than_attempts_is_refused(told, kb, query, words):
+    with pytest.raises(UsageError, match=words):
+        episodes_of(kb, query=query)
 
 
 def test_robots_of_two_types_are_not_mixed_in_one_data_set(told, kb, tmp_path):
@@ -286,5 +308,7 @@ def test_the_command_writes_a_folder_and_reads_it(told, kb, tmp_path, shares):
     assert done.exit_code == 0, (done.output, done.exception)
     assert json.loads(done.stdout)["motions"] == 2
     assert shares == [(1, 2), (2, 2)]
+    words = ["export", out + "-2", "--data", data, "--format", "lerobot"]
+    assert "1 of 3 left out: without recorded joints" in CliRunner().invoke(command, words).stderr
     done = CliRunner().invoke(command, ["import", out, "--data", str(tmp_path / "new"), "--json"])
     assert json.loads(done.stdout)["episodes"] == 2
