@@ -17,7 +17,7 @@ from rtask.tasks.patterns import Pattern, expanded, parse_pattern
 from rtask.tasks.planning.problem import Atom, Goal
 
 __all__ = ["LOCATED", "MAX_GOALS", "MAX_JSON", "MAX_TEXT", "Aim", "Target", "goal_text",
-           "read_aims", "settled_goal", "targets"]  # fmt: skip
+           "read_aims", "read_workers", "settled_goal", "targets"]  # fmt: skip
 
 MAX_AIMS = 50
 """Most goals of one JSON object."""
@@ -96,7 +96,8 @@ def read_aims(given: str | Mapping[str, Any]) -> tuple[Aim, ...] | None:
         ``PATTERN [WHERE { SPARQL }]``, or an object, or its JSON, with ``achieve``, and if need be
         ``where`` and ``number``; ``goals`` has several of these, and one with ``then`` true is
         begun once those before it are reached, one with ``others`` true is about things alone that
-        no goal before it has taken. ``text`` is the goal for people.
+        no goal before it has taken. ``text`` is the goal for people; for ``by``, see
+        :func:`read_workers`.
 
     Raises
     ------
@@ -136,6 +137,29 @@ def read_aims(given: str | Mapping[str, Any]) -> tuple[Aim, ...] | None:
     return (_checked(pattern, match[1] if match else "", None),)
 
 
+def read_workers(given: str | Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the IRIs of the robots that a goal in JSON leaves it to (``by``); empty for all.
+
+    Raises
+    ------
+    UsageError
+        ``by`` is no list of IRIs.
+
+    Examples
+    --------
+    >>> read_workers({"achieve": "<urn:pen> rt:locatedOn <urn:box>", "by": ["urn:nao"]})
+    ('urn:nao',)
+    """
+    if isinstance(given, str):
+        given = json.loads(given) if given.lstrip().startswith("{") else {}
+    by = given.get("by", []) if isinstance(given, Mapping) else []
+    if not isinstance(by, list) or len(by) > MAX_AIMS or not all(
+        isinstance(item, str) and re.fullmatch(r"[^\s<>\"{}|\\^`]+", item) for item in by
+    ):  # fmt: skip
+        raise UsageError('"by" of a goal is a list of IRIs of robots')
+    return tuple(by)
+
+
 def goal_text(given: str | Mapping[str, Any]) -> str:
     """Return a goal for people: its words, where JSON that was made of words has them.
 
@@ -157,7 +181,9 @@ def goal_text(given: str | Mapping[str, Any]) -> str:
     return text[:MAX_TEXT] if isinstance(text, str) and text.strip() else given
 
 
-def settled_goal(text: str, matches: Sequence[Target], aims: Sequence[Aim]) -> str:
+def settled_goal(
+    text: str, matches: Sequence[Target], aims: Sequence[Aim], workers: Sequence[str] = ()
+) -> str:
     """Return a goal in words as JSON with the things that its words mean now.
 
     Once one of two pens from the table is in the box, "a pen from the table" would be the other.
@@ -181,7 +207,8 @@ def settled_goal(text: str, matches: Sequence[Target], aims: Sequence[Aim]) -> s
              "then": aim.stage > stage, "others": aim.others, "text": aim.text}
         )  # fmt: skip
         stage = aim.stage
-    settled = json.dumps({"goals": goals, "text": text})
+    by = {"by": list(workers)} if workers else {}
+    settled = json.dumps({"goals": goals, "text": text, **by})
     return settled if len(settled) <= MAX_JSON else ""
 
 

@@ -19,6 +19,7 @@ from rtask.tasks.goals import (
     Target,
     goal_text,
     read_aims,
+    read_workers,
     settled_goal,
     targets,
 )
@@ -55,6 +56,8 @@ class _Task:
     remarks: tuple[str, ...]
     deadline: datetime.datetime | None
     settled: str
+    others: Mapping[str, tuple[str, ...]]
+    """The objects with the robots that the goal leaves out; empty where it leaves out none."""
 
 
 @dataclass(frozen=True)
@@ -160,10 +163,11 @@ def _read(
     actions = read_actions(select, is_ontology)
     aims = read_aims(given)
     remarks, deadline = tuple[str, ...](), None
-    is_words = aims is None
+    is_words, workers = aims is None, () if aims is None else read_workers(given)
     if aims is None:
         understood = read_goal(select, str(given), base)
         aims, remarks, deadline = understood.aims, understood.remarks, understood.deadline
+        workers = understood.workers
     patterns, all_targets = [], list[Target]()
     for aim in aims:
         pattern, of_aim = targets(select, aim)
@@ -176,20 +180,54 @@ def _read(
         patterns.append(pattern)
         all_targets += of_aim
     mentioned = {value for item in all_targets for atom in item.goal for value in atom[1:]}
-    facts = read_facts(select, actions, patterns, mentioned)
+    facts = read_facts(select, actions, patterns, mentioned | set(workers))
+    objects = _left_to(actions, facts.objects, workers)
+    if workers:
+        names = names_of(select, workers)
+        remarks = (*remarks, f"by {' and '.join(names[item] for item in workers)} alone")
     experience = read_experience(select, actions)
     problem = Problem(
-        facts.objects,
+        objects,
         tuple(_action(action, experience) for action in actions),
         facts.atoms,
         tuple(dict.fromkeys(item.goal for item in all_targets)),
     )
     text = goal_text(given)
-    settled = settled_goal(text, all_targets, aims) if is_words else _as_settled(given, text)
+    settled = (
+        settled_goal(text, all_targets, aims, workers) if is_words else _as_settled(given, text)
+    )
     return _Task(
         actions, aims, tuple(all_targets), problem, experience, _mendable(select, actions),
-        remarks, deadline, settled,
+        remarks, deadline, settled, facts.objects if workers else {},
     )  # fmt: skip
+
+
+def _left_to(
+    actions: Sequence[ActionClass], objects: Mapping[str, tuple[str, ...]], workers: Sequence[str]
+) -> Mapping[str, tuple[str, ...]]:
+    """Return the objects without the robots that are to do nothing.
+
+    Facts about them stay: where they stand and what they hold is so whoever works.
+
+    Raises
+    ------
+    UnknownTermError
+        Somebody is to do it who is no robot that actions are for.
+    """
+    if not workers:
+        return objects
+    kinds = {
+        dict(action.parameters)[name]
+        for action in actions
+        for prop, name in action.statements
+        if local_name(prop) == "assignedTo"
+    }
+    known = {robot for kind in kinds for robot in objects.get(kind, ())}
+    for worker in workers:
+        if worker not in known:
+            raise UnknownTermError(f"the graph has no robot <{worker}> that could do it")
+    left = {kind: tuple(r for r in objects.get(kind, ()) if r in workers) for kind in kinds}
+    return {**objects, **left}
 
 
 def _as_settled(given: str | Mapping[str, Any], text: str) -> str:
@@ -332,7 +370,8 @@ def _result(
         if isinstance(obstacle, CrowdedGoal):
             refusals.append(crowded(obstacle, wording))
         else:
-            refusals.append(refusal(select, problem, obstacle, task.mendable, robots, wording))
+            lack = refusal(select, problem, obstacle, task.mendable, robots, wording)
+            refusals.append(_or_by_others(task, problem, lack, obstacle))
     if len(obstacles) > _MAX_REFUSALS:
         goal = f"{len(obstacles) - _MAX_REFUSALS} more goals"
         refusals.append(Refusal(goal, "out of reach, too; ask for each alone to see why", (), {}))
@@ -358,6 +397,16 @@ def _result(
         deadline=task.deadline,
         settled=task.settled,
     )
+
+
+def _or_by_others(task: _Task, problem: Problem, lack: Refusal, obstacle: Obstacle) -> Refusal:
+    """Return a refusal that says so where only who is to do it stands in the way."""
+    if not task.others:
+        return lack
+    of_all = replace(problem, objects=task.others, goals=(obstacle.goal,))
+    if explain_unsolvable(of_all, {}):
+        return lack
+    return replace(lack, text=f"{lack.text}; or let other robots help: leave out who is to do it")
 
 
 def _mentioned(

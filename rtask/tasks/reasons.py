@@ -55,7 +55,11 @@ def refusal(
                 or _without_hand(select, robot)
                 or _nothing(problem, obstacle)
             )
-    text = _remedy(select, obstacle, wording) if obstacle.missing else _nothing(problem, obstacle)
+    text = (
+        _remedy(select, obstacle, wording)
+        if obstacle.missing
+        else _handless(select, robots, wording) or _nothing(problem, obstacle)
+    )
     statements = (statement_of(atom) for atom in obstacle.missing)
     return Refusal(goal, text, tuple(item for item in statements if item is not None), alone)
 
@@ -109,6 +113,14 @@ def _nothing(problem: Problem, obstacle: Obstacle) -> str:
 def _without_hand(select: Select, robot: str) -> str:
     """Return that nobody has stated a hand of a robot; "" if somebody has."""
     return "" if _has_hand(select, robot) else "no hand of it is stated (rt:hasEndEffector)"
+
+
+def _handless(select: Select, robots: Sequence[tuple[str, str]], wording: Wording) -> str:
+    """Return that no robot has a stated hand, as no other remedy helps then; "" if one has."""
+    if any(_has_hand(select, robot) for robot, _ in robots):
+        return ""
+    names = [wording.name(robot) for robot, _ in robots[:_MAX_ROBOTS]]
+    return f"no hand of {' or '.join(names)} is stated (rt:hasEndEffector)" if names else ""
 
 
 def _has_hand(select: Select, robot: str, hand: str = "") -> bool:

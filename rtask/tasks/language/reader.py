@@ -23,6 +23,7 @@ from rtask.tasks.language.refusing import names_in, not_understood, why_void
 from rtask.tasks.language.slips import MAX_SLIPS, mistyped
 from rtask.tasks.language.slots.proposals import Proposal, propose
 from rtask.tasks.language.times import deadline_in
+from rtask.tasks.language.workers import worker_in
 
 __all__ = ["MAX_TEXT", "Understood", "read_goal"]
 
@@ -46,11 +47,14 @@ class Understood:
         What was found of its conditions, in words.
     deadline
         By when, if it says so.
+    workers
+        IRIs of the robots that alone are to do it; empty where that is left to the plan.
     """
 
     aims: tuple[Aim, ...]
     remarks: tuple[str, ...] = ()
     deadline: datetime.datetime | None = None
+    workers: tuple[str, ...] = ()
 
 
 def read_goal(
@@ -79,6 +83,11 @@ def read_goal(
         raise UsageError(f"a goal has 1 to {MAX_TEXT} characters, not {len(text)}")
     plain, deadline = deadline_in(text, now or datetime.datetime.now(datetime.UTC))
     plain = expanded(plain)
+    worker = worker_in(select, plain)
+    if worker is not None:
+        # No second reading: its proposals would leave out who is to do it.
+        understood = _read(select, worker.deed, base, MAX_SLIPS)
+        return replace(understood, deadline=deadline, workers=(worker.iri,))
     try:
         understood = _read(select, plain, base, MAX_SLIPS)
     except (UsageError, UnknownTermError) as error:

@@ -105,7 +105,8 @@ def _advice(items: Items, at: int) -> str:
         return f": {_BEYOND['my']}"
     robots = [name for name in items.named if name.role("robot") is not None]
     is_after_robot = any(m.start <= at <= m.end for name in robots for m in name.mentions)
-    return ": which robot does it, the plan chooses: leave it out" if is_after_robot else ""
+    how = ": who is to do it is said of the whole goal, as in 'nao-1 should put ...', or left out"
+    return how if is_after_robot else ""
 
 
 def _is_for_place(items: Items, at: int) -> bool:

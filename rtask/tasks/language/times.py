@@ -105,4 +105,6 @@ def _clock_time(match: re.Match[str], now: datetime.datetime) -> datetime.dateti
         raise UsageError(f"{words!r} is no time of day; {_HOW}") from error
     if match["date"] is None and when <= now:
         when += datetime.timedelta(days=1)
+    if when <= now:  # no step of such a plan would ever be begun
+        raise UsageError(f"{words!r} is over already; {_HOW}")
     return when

@@ -34,8 +34,6 @@ def proposal(lab: KnowledgeBase, sentence: str) -> dict[str, Any] | None:
          "the cup from the shelf to the table", ["i'm going to lay"]),
         ("the ball is needed in the left box before the guests come",
          "the ball to the left box", ["is needed", "before the guests come"]),
-        ("nao-1 should put the red pen on the table", "the red pen to the table",
-         ["nao-1 should put"]),
         ("place the green cup next to the jug", "the green cup to where the jug is",
          []),
         ("wash the cans and put them on the shelf", "the cans to the shelf", ["wash"]),
