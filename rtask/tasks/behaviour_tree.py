@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping
 from xml.etree import ElementTree
 
 from rtask.rdf.namespaces import local_name
@@ -9,27 +11,72 @@ from rtask.tasks.plan import PlannedStep, TaskPlan
 
 __all__ = ["behaviour_tree"]
 
+# A factory has these from the start, and refuses a second node of the name; Root is reserved.
+_NODES = (
+    "Root", "root", "Action", "Condition", "Control", "Decorator", "SubTree", "AlwaysFailure",
+    "AlwaysSuccess", "AsyncFallback", "AsyncSequence", "Delay", "Fallback", "ForceFailure",
+    "ForceSuccess", "IfThenElse", "Inverter", "KeepRunningUntilFailure", "LoopBool",
+    "LoopDouble", "LoopInt", "LoopString", "ManualSelector", "Parallel", "ParallelAll",
+    "Precondition", "ReactiveFallback", "ReactiveSequence", "Repeat", "RetryUntilSuccessful",
+    "RunOnce", "Script", "ScriptCondition", "Sequence", "SequenceStar", "SequenceWithMemory",
+    "SetBlackboard", "SkipUnlessUpdated", "Sleep", "Switch2", "Switch3", "Switch4", "Switch5",
+    "Switch6", "Timeout", "TryCatch", "UnsetBlackboard", "WaitValueUpdate", "WasEntryUpdated",
+    "WhileDoElse",
+)  # fmt: skip
+_PORTS = ("name", "ID")
+# More than its reader refuses in names: an attribute of XML has fewer signs than a port.
+_FORBIDDEN = re.compile(r"[^\w-]", re.ASCII)
+# XML 1.0 has no way to write these (2.2), and a name in the graph may contain them.
+_CONTROL = re.compile(r"[^\t\n\r\x20-\x7e\x80-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
 
 def behaviour_tree(plan: TaskPlan) -> str:
     """Return a plan as one sequence of actions, with the parameters of each as ports.
 
     An action has the local name of its class; a port has the name of a parameter, and its value is
-    an IRI.
+    an IRI. Names that the reader of BehaviorTree.CPP refuses are changed as little as that takes.
     """
+    identifiers = _identifiers([step.action for step in plan.steps], local_name, _NODES)
+    ports = {step.action: _identifiers(step.arguments, str, _PORTS) for step in plan.steps}
     root = ElementTree.Element("root", BTCPP_format="4", main_tree_to_execute="Plan")
     tree = ElementTree.SubElement(root, "BehaviorTree", ID="Plan")
-    sequence = ElementTree.SubElement(tree, "Sequence", name="; ".join(plan.understood))
+    sequence = ElementTree.SubElement(tree, "Sequence", name=_words("; ".join(plan.understood)))
     for step in plan.steps:
+        values = {ports[step.action][name]: value for name, value in step.arguments.items()}
         ElementTree.SubElement(
-            sequence, "Action", {"ID": local_name(step.action), "name": step.text, **step.arguments}
-        )
+            sequence, "Action",
+            {"ID": identifiers[step.action], "name": _words(step.text), **values},
+        )  # fmt: skip
     models = ElementTree.SubElement(root, "TreeNodesModel")
     for step in _of_each_class(plan):
-        action = ElementTree.SubElement(models, "Action", ID=local_name(step.action))
+        action = ElementTree.SubElement(models, "Action", ID=identifiers[step.action])
         for name in step.arguments:
-            ElementTree.SubElement(action, "input_port", name=name, type="std::string")
+            port = ports[step.action][name]
+            ElementTree.SubElement(action, "input_port", name=port, type="std::string")
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _identifiers(
+    names: Iterable[str], word_of: Callable[[str], str], reserved: Collection[str]
+) -> Mapping[str, str]:
+    """Return an identifier for each name: its word where that will do and nobody else has it."""
+    found: dict[str, str] = {}
+    taken = set(reserved)
+    for name in dict.fromkeys(names):
+        word = _FORBIDDEN.sub("_", word_of(name))
+        base = unique = word if word[:1].isalpha() else f"x{word}"
+        number = 1
+        while unique in taken:
+            number += 1
+            unique = f"{base}_{number}"
+        taken.add(unique)
+        found[name] = unique
+    return found
+
+
+def _words(text: str) -> str:
+    return _CONTROL.sub(" ", text)
 
 
 def _of_each_class(plan: TaskPlan) -> list[PlannedStep]:

@@ -6,7 +6,7 @@ PDDL 2.1 with types and action costs (Fox and Long 2003), the costs in whole mil
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from rtask.tasks.planning.grounding import ground
@@ -15,6 +15,10 @@ from rtask.tasks.planning.problem import Action, Atom, Goal, Problem, Step
 __all__ = ["PddlProblem", "write_pddl"]
 
 _MAX_PLAN_CHARS = 4_000_000
+_RESERVED = (
+    "object", "number", "total-cost", "and", "or", "not", "imply", "forall", "exists", "when",
+    "either", "increase", "assign", "define",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -61,38 +65,49 @@ class PddlProblem:
 def write_pddl(problem: Problem) -> PddlProblem:
     """Return a problem as PDDL text, with names that PDDL permits."""
     names = _Names()
+    # In this order, as what comes later gives way: plans are made of actions and objects.
+    for action in problem.actions:
+        names.of("action", action.name)
     for members in problem.objects.values():
         for member in members:
             names.of("object", member)
     steps = ground(problem)
     has_choice = any(len(goal) > 1 for goal in problem.goals)
-    domain = _domain(problem, names, " :disjunctive-preconditions" if has_choice else "")
+    kinds = _kinds(problem.objects, names)
+    domain = _domain(problem, names, kinds, " :disjunctive-preconditions" if has_choice else "")
     keys = {
         " ".join(
             (names.of("action", step.action), *(names.of("object", v) for _, v in step.arguments))
         ): step
         for step in steps
     }
-    return PddlProblem(domain, _problem(problem, names, keys), keys, problem)
+    return PddlProblem(domain, _problem(problem, names, kinds, keys), keys, problem)
 
 
 class _Names:
-    """PDDL names of IRIs and words, unique within their kind whatever the case of letters."""
+    """PDDL names of IRIs and words, unique whatever the case of letters.
+
+    They are unique across kinds, too: PDDL keeps types, predicates and actions apart, but readers
+    such as that of unified-planning do not. Parameters are known within their action alone.
+    """
 
     def __init__(self) -> None:
         self._names: dict[tuple[str, str], str] = {}
-        self._taken: set[tuple[str, str]] = set()
+        self._taken: set[tuple[str, str]] = {("", word) for word in _RESERVED}
 
     def of(self, kind: str, name: str) -> str:
         if (kind, name) not in self._names:
             # The end of an IRI tells more than its beginning, which all share.
             word = re.sub(r"[^a-z0-9_]+", "-", name.lower()).strip("-")[-60:].strip("-")
             base = unique = word if word[:1].isalpha() else f"{kind[0]}-{word}"
+            scope = kind if kind == "parameter" else ""
             number = 1
-            while (kind, unique) in self._taken:
+            while (scope, unique) in self._taken or (scope, f"{unique}-cost") in self._taken:
                 number += 1
                 unique = f"{base}-{number}"
-            self._taken.add((kind, unique))
+            self._taken.add((scope, unique))
+            if kind == "action":
+                self._taken.add((scope, f"{unique}-cost"))  # its cost is a function of this name
             self._names[kind, name] = unique
         return self._names[kind, name]
 
@@ -103,19 +118,76 @@ class _Names:
         return f"({' '.join((self.of('predicate', atom[0]), *arguments))})"
 
 
-def _domain(problem: Problem, names: _Names, more: str) -> str:
-    types = " ".join(names.of("type", kind) for kind in problem.objects)
-    predicates = "".join(f"\n    {line}" for line in _predicates(problem, names))
-    costs = "".join(
-        f"\n    ({names.of('action', action.name)}-cost{_typed(action, names)}) - number"
-        for action in problem.actions
+@dataclass(frozen=True)
+class _Kinds:
+    """How the classes of objects are written.
+
+    A PDDL object is declared once, with one type. Classes of a graph overlap: a hand is an object
+    as well, and whatever can be put down may be a place. So a class becomes a type only if it
+    shares no member with those that are types already, and a static predicate otherwise.
+    """
+
+    types: Mapping[str, str]
+    """PDDL names by class."""
+    predicates: Mapping[str, str]
+    type_of: Mapping[str, str]
+    """PDDL type of each object."""
+    facts: tuple[str, ...]
+
+    def parameters(self, action: Action, names: _Names) -> str:
+        """Return the parameters of an action with their types."""
+        return " ".join(
+            f"?{names.of('parameter', p.name)} - {self.types.get(p.type, 'object')}"
+            for p in action.parameters
+        )
+
+    def conditions(self, action: Action, names: _Names) -> list[str]:
+        """Return what the types of the parameters do not say."""
+        return [
+            f"({self.predicates[p.type]} ?{names.of('parameter', p.name)})"
+            for p in action.parameters
+            if p.type in self.predicates
+        ]
+
+
+def _kinds(objects: Mapping[str, tuple[str, ...]], names: _Names) -> _Kinds:
+    types: dict[str, str] = {}
+    predicates: dict[str, str] = {}
+    type_of: dict[str, str] = {}
+    facts: list[str] = []
+    # Narrow classes first: the one above them all, of which all would be members, is the predicate.
+    for kind in sorted(objects, key=lambda kind: len(objects[kind])):
+        if type_of.keys().isdisjoint(objects[kind]):
+            types[kind] = names.of("type", kind)
+            type_of.update(dict.fromkeys(objects[kind], types[kind]))
+        else:
+            predicates[kind] = name = names.of("predicate", f"a {kind}")
+            facts += [f"({name} {names.of('object', member)})" for member in objects[kind]]
+    everything = {member for members in objects.values() for member in members}
+    return _Kinds(
+        types, predicates, dict.fromkeys(everything, "object") | type_of, tuple(sorted(facts))
     )
-    actions = "".join(_action(action, names) for action in problem.actions)
+
+
+def _domain(problem: Problem, names: _Names, kinds: _Kinds, more: str) -> str:
+    types = " ".join(kinds.types.values())
+    predicates = [f"({name} ?x0)" for name in kinds.predicates.values()]
+    predicates += _predicates(problem, names)
+    costs = [
+        f"({names.of('action', action.name)}-cost{_before(kinds.parameters(action, names))})"
+        " - number"
+        for action in problem.actions
+    ]
+    actions = "".join(_action(action, names, kinds) for action in problem.actions)
     return (
         f"(define (domain rtask)\n  (:requirements :strips :typing :action-costs{more})\n"
-        f"  (:types {types} - object)\n  (:predicates{predicates})\n"
-        f"  (:functions (total-cost) - number{costs}){actions})\n"
+        f"  (:types {types} - object)\n  (:predicates{_lines(predicates)})\n"
+        f"  (:functions (total-cost) - number{_lines(costs)}){actions})\n"
     )
+
+
+def _before(text: str) -> str:
+    return f" {text}" if text else ""
 
 
 def _predicates(problem: Problem, names: _Names) -> list[str]:
@@ -132,32 +204,24 @@ def _predicates(problem: Problem, names: _Names) -> list[str]:
     ]
 
 
-def _typed(action: Action, names: _Names) -> str:
-    return "".join(
-        f" ?{names.of('parameter', p.name)} - {names.of('type', p.type)}" for p in action.parameters
-    )
-
-
-def _action(action: Action, names: _Names) -> str:
+def _action(action: Action, names: _Names, kinds: _Kinds) -> str:
     name = names.of("action", action.name)
     arguments = "".join(f" ?{names.of('parameter', p.name)}" for p in action.parameters)
-    conditions = " ".join(names.atom(atom, "parameter") for atom in action.preconditions)
+    atoms = [names.atom(atom, "parameter") for atom in action.preconditions]
+    conditions = " ".join((*kinds.conditions(action, names), *atoms))
     effects = [names.atom(atom, "parameter") for atom in action.adds]
     effects += [f"(not {names.atom(atom, 'parameter')})" for atom in action.deletes]
     return (
-        f"\n  (:action {name}\n    :parameters ({_typed(action, names).strip()})\n"
+        f"\n  (:action {name}\n    :parameters ({kinds.parameters(action, names)})\n"
         f"    :precondition (and {conditions})\n"
         f"    :effect (and {' '.join(effects)} (increase (total-cost) ({name}-cost{arguments}))))"
     )
 
 
-def _problem(problem: Problem, names: _Names, steps: dict[str, Step]) -> str:
-    objects = "".join(
-        f"\n    {names.of('object', member)} - {names.of('type', kind)}"
-        for kind, members in problem.objects.items()
-        for member in members
-    )
-    facts = _lines(names.atom(fact) for fact in sorted(problem.facts))
+def _problem(problem: Problem, names: _Names, kinds: _Kinds, steps: dict[str, Step]) -> str:
+    members = dict.fromkeys(member for kind in problem.objects.values() for member in kind)
+    objects = _lines(f"{names.of('object', item)} - {kinds.type_of[item]}" for item in members)
+    facts = _lines((*kinds.facts, *(names.atom(fact) for fact in sorted(problem.facts))))
     costs = _lines(
         f"(= ({key.replace(' ', '-cost ', 1) if ' ' in key else f'{key}-cost'}) "
         # Milliseconds: Fast Downward takes whole numbers only.

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from dataclasses import replace
 
 import pytest
 
 from rtask.tasks.planning.pddl import write_pddl
-from rtask.tasks.planning.problem import Problem
+from rtask.tasks.planning.problem import Parameter, Problem
 from tests.rtask.tasks.lab import PICK, PLACE, lab
 
 PLAN = """; cost = 24000
@@ -67,3 +69,37 @@ def test_iris_that_differ_in_case_or_signs_alone_keep_different_names():
 def test_an_action_without_parameters_has_a_cost_of_its_own():
     wait = replace(PICK, name="wait", parameters=(), preconditions=(), adds=(), deletes=())
     assert "(= (wait-cost) 14322)" in write_pddl(replace(lab(1, 1), actions=(wait,))).problem
+
+
+def declared(pddl):
+    """Return the type of each object, and how often it is declared."""
+    objects = re.search(r"\(:objects(.*?)\)\s*\(:init", pddl.problem, re.DOTALL)[1]
+    rows = [line.strip().split(" - ") for line in objects.strip().splitlines()]
+    return dict(rows), Counter(name for name, _ in rows)
+
+
+def test_objects_of_several_classes_are_declared_once_and_a_predicate_says_the_wider_class():
+    problem = lab(2, 2)
+    # As in the graph: all are objects, and a tray is a thing on which others can be put down.
+    wide = tuple(sorted(member for members in problem.objects.values() for member in members))
+    tray = (*problem.objects["place"], "thing0")
+    objects = {"everything": wide, **problem.objects, "place": tray}
+    scan = replace(
+        PICK, name="scan", parameters=(*PICK.parameters[:2], Parameter("l", "everything"))
+    )
+    pddl = write_pddl(replace(problem, objects=objects, actions=(PICK, PLACE, scan)))
+    types, times = declared(pddl)
+    assert set(times.values()) == {1}
+    assert sorted(types) == list(wide)
+    assert types["thing0"] == types["thing1"] == "thing"
+    names = re.findall(r"\((a-place|a-everything) ([a-z0-9]+)\)", pddl.problem)
+    assert sorted(n for kind, n in names if kind == "a-place") == sorted(tray)
+    assert sorted(n for kind, n in names if kind == "a-everything") == list(wide)
+    assert ":parameters (?r - robot ?o - thing ?l - object)" in pddl.domain
+    assert ":precondition (and (a-place ?l) (can_grasp ?r ?o)" in pddl.domain
+
+
+def test_types_predicates_and_actions_have_different_names():
+    domain = write_pddl(lab(1, 1)).domain
+    assert "(:action place\n" in domain
+    assert "(:types robot thing place-2 - object)" in domain

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import pytest
@@ -30,6 +31,8 @@ from tests.rtask.tasks.conftest import (
 )
 
 pytestmark = pytest.mark.slow
+
+ODD_CLASSES = ("https://example.org/a#Sleep", "https://example.org/b/Pour.1")
 
 
 def steps_of(plan):
@@ -269,6 +272,38 @@ def test_a_behaviour_tree_has_one_action_a_step_with_its_parameters(kb):
     assert [a.get("ID") for a in actions] == [local_name(s.action) for s in plan.steps]
     assert actions[0].get("thing") == CUP
     assert {a.get("ID") for a in root.findall("TreeNodesModel/Action")} == {"Grasp", "Place"}
+
+
+def test_a_behaviour_tree_has_no_name_that_its_reader_refuses(kb):
+    plan = kb.tasks.plan("every cup into the left box")
+    classes = dict(zip(dict.fromkeys(step.action for step in plan.steps), ODD_CLASSES, strict=True))
+    ports = {"thing": "name", "place": "_skipIf", "hand": "1st"}
+    steps = tuple(
+        replace(
+            step, action=classes[step.action], text=f"{step.text}\x01",
+            arguments={ports.get(name, name): value for name, value in step.arguments.items()},
+        )
+        for step in plan.steps
+    )  # fmt: skip
+    root = ElementTree.fromstring(behaviour_tree(replace(plan, steps=steps)))
+    actions = root.findall("BehaviorTree/Sequence/Action")
+    # Sleep is a node of every factory; a port may be called neither name nor _..., nor begin
+    # with a digit, and no name has a dot.
+    assert [action.get("ID") for action in actions] == ["Sleep_2", "Pour_1"] * 2
+    assert actions[0].get("name") == f"{plan.steps[0].text} "
+    assert actions[0].get("name_2") == CUP
+    ports = {"robot", "name_2", "x_skipIf", "x1st"}
+    for action in actions:
+        assert set(action.attrib) == {"ID", "name", *ports}
+    for model in root.findall("TreeNodesModel/Action"):
+        assert {port.get("name") for port in model} == ports
+
+
+def test_the_pddl_of_a_graph_declares_each_object_once(kb):
+    text = kb.tasks.plan("every cup into the left box").problem
+    objects = text.partition("(:objects")[2].partition("(:init")[0]
+    names = [line.strip().partition(" - ")[0] for line in objects.strip().splitlines()]
+    assert len(set(names)) == len(names) > 10
 
 
 def test_a_stored_plan_is_a_valid_tree_of_tasks_in_order():
