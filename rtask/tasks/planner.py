@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import datetime
+import datetime as dt
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,6 +32,7 @@ from rtask.tasks.planning.pddl import write_pddl
 from rtask.tasks.planning.problem import Action, Atom, Goal, Parameter, Problem, Step
 from rtask.tasks.planning.search import find_plan, goal_costs
 from rtask.tasks.planning.unsolvable import Obstacle, explain_unsolvable
+from rtask.tasks.queue.reading import claimed_things
 from rtask.tasks.reasons import crowded, refusal
 from rtask.tasks.steps import Wording, planned_steps
 
@@ -54,7 +55,7 @@ class _Task:
     experience: Experience
     mendable: Mapping[str, float]
     remarks: tuple[str, ...]
-    deadline: datetime.datetime | None
+    deadline: dt.datetime | None
     settled: str
     others: Mapping[str, tuple[str, ...]]
     """The objects with the robots that the goal leaves out; empty where it leaves out none."""
@@ -377,7 +378,11 @@ def _result(
         refusals.append(Refusal(goal, "out of reach, too; ask for each alone to see why", (), {}))
     return TaskPlan(
         goal=goal_text(given),
-        understood=(*(aim.text for aim in task.aims), *task.remarks),
+        understood=(
+            *(aim.text for aim in task.aims),
+            *task.remarks,
+            *_claimed(select, task, steps, names),
+        ),
         sparql=tuple(aim.sparql for aim in task.aims if aim.variables),
         steps=planned_steps(
             task.actions,
@@ -397,6 +402,22 @@ def _result(
         deadline=task.deadline,
         settled=task.settled,
     )
+
+
+def _claimed(
+    select: Select, task: _Task, steps: Sequence[Step], names: Mapping[str, str]
+) -> Iterator[str]:
+    """Yield which things of a plan a robot has for another one now: its steps wait for that."""
+    handled = {action.iri: action.parameter("handlesExemplar") for action in task.actions}
+    things = {
+        value for step in steps for name, value in step.arguments if name == handled[step.action]
+    }
+    for thing, claim in claimed_things(select, things, dt.datetime.now(dt.UTC)).items():
+        who = names.get(claim.robot) or local_name(claim.robot)
+        yield (
+            f"{who} has {names.get(thing, thing)} for another step now: steps with it begin after "
+            f"that, at {claim.until:%H:%M} UTC at the latest unless {who} asks for more time"
+        )
 
 
 def _or_by_others(task: _Task, problem: Problem, lack: Refusal, obstacle: Obstacle) -> Refusal:

@@ -53,12 +53,12 @@ def refusal(
             alone[robot] = (
                 _reasons(select, other.missing, wording)
                 or _without_hand(select, robot)
-                or _nothing(problem, obstacle)
+                or _nothing(problem, obstacle, wording)
             )
     text = (
         _remedy(select, obstacle, wording)
         if obstacle.missing
-        else _handless(select, robots, wording) or _nothing(problem, obstacle)
+        else _handless(select, robots, wording) or _nothing(problem, obstacle, wording)
     )
     statements = (statement_of(atom) for atom in obstacle.missing)
     return Refusal(goal, text, tuple(item for item in statements if item is not None), alone)
@@ -92,10 +92,11 @@ def _absences(problem: Problem) -> dict[str, float]:
     return {name: 1.0 for name in conditions if name.startswith(_ABSENT)}
 
 
+_NO_REMEDY = "no capability or reach that could be added would make it possible"
 _ABSENT = "FILTER NOT EXISTS"
 
 
-def _nothing(problem: Problem, obstacle: Obstacle) -> str:
+def _nothing(problem: Problem, obstacle: Obstacle, wording: Wording) -> str:
     """Return that no single statement helps: mostly, that nobody knows where something is."""
     made = {atom[0] for action in problem.actions for atom in action.adds}
     if not any(atom[0] in made for atom in obstacle.goal):
@@ -105,9 +106,15 @@ def _nothing(problem: Problem, obstacle: Obstacle) -> str:
     predicate = obstacle.goal[0][0]
     statement = statement_of(obstacle.goal[0])
     is_place = statement is not None and statement[1] == RT.locatedOn.value
-    if is_place and not any(atom[0] == predicate and atom[1] == subject for atom in problem.facts):
+    if not is_place:
+        return _NO_REMEDY
+    at = [atom[-1] for atom in problem.facts if atom[0] == predicate and atom[1] == subject]
+    if not at:
         return "it is not known where it is: nobody has stated on or in what; say so by state_place"
-    return "no capability or reach that could be added would make it possible"
+    held = sorted(set(at).intersection(problem.objects.get(RT.EndEffector.value, ())))
+    if held:  # what another robot has in its hand is taken from there by nobody else
+        return f"it is in {wording.name(held[0])}, which would have to put it down first"
+    return _NO_REMEDY
 
 
 def _without_hand(select: Select, robot: str) -> str:
@@ -151,23 +158,20 @@ def _remedy(select: Select, obstacle: Obstacle, wording: Wording) -> str:
         and not _has_hand(select, statement[0], obstacle.goal[0][-1])
     ]
     how += "".join(f"; {lack}" for lack in dict.fromkeys(lacks) if lack)
-    over = " . ".join(
+    over = [
         f"{NamedNode(subject)} a {NamedNode(kind)}"
         for atom in obstacle.missing
         if (excluded := excluded_by(atom)) is not None
         for subject, kind in _stated(select, *excluded)
-    )
-    links = " . ".join(
+    ] + [
         " ".join(str(NamedNode(part)) for part in link)
         for atom in obstacle.missing
         if (link := excluded_link(atom)) is not None
-    )
-    over = " . ".join(part for part in (over, links) if part)
+    ]
     if over:
-        how += (
-            "; once that is over, withdraw it: "
-            f"rtask update 'DELETE WHERE {{ GRAPH ?g {{ {over} }} }}'"
-        )
+        # Each for itself: a robot says of its own hand in its own graph, a person of the box.
+        updates = "; ".join(f"DELETE WHERE {{ GRAPH ?g {{ {item} }} }}" for item in over)
+        how += f"; once that is over, withdraw it: rtask update '{updates}'"
     return f"it would be possible, were it not that {reasons}{how}"
 
 

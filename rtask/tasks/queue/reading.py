@@ -5,13 +5,14 @@ from __future__ import annotations
 import datetime as dt
 import json
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import CORA, PREFIXES, RDF
 from rtask.rdf.terms import NamedNode
+from rtask.tasks.actions import Select
 from rtask.tasks.questions.price import Prices
 from rtask.tasks.questions.question import Question
 from rtask.tasks.questions.reading import read_questions
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
     from rtask.sparql.results import Row
 
-__all__ = ["MAX_LEASE_S", "Claim", "QueuedPlan", "QueuedStep", "read_queue"]
+__all__ = ["MAX_LEASE_S", "Claim", "QueuedPlan", "QueuedStep", "claimed_things", "read_queue"]
 
 MAX_LEASE_S = 3600.0
 """The longest that a claim may last before it is renewed."""
@@ -61,6 +62,14 @@ SELECT ?claim ?step ?robot ?begun (MAX(?until) AS ?last) ?ended ?result ?comment
   OPTIONAL {{ ?claim rt:claimComment ?comment }}
   OPTIONAL {{ ?claim rt:claimReason ?why }}
 }} GROUP BY ?claim ?step ?robot ?begun ?ended ?result ?comment ?why ORDER BY ?begun"""
+
+_CLAIMED = """
+SELECT ?claim ?thing ?robot ?begun (MAX(?until) AS ?last) WHERE {{
+  VALUES ?thing {{ {things} }}
+  ?claim rt:claimsExemplar ?thing ; prov:wasAssociatedWith ?robot ; prov:startedAtTime ?begun ;
+    rt:claimedUntil ?until .
+  FILTER NOT EXISTS {{ ?claim rt:claimResult ?result }}
+}} GROUP BY ?claim ?thing ?robot ?begun ORDER BY ?begun"""
 
 
 @dataclass(frozen=True)
@@ -287,6 +296,25 @@ def read_queue(kb: GraphCore) -> list[QueuedPlan]:
     # Plans from before plans had a time come first.
     epoch = dt.datetime.min.replace(tzinfo=dt.UTC)
     return sorted(plans.values(), key=lambda plan: (plan.made or epoch, plan.task))
+
+
+def claimed_things(select: Select, things: Iterable[str], now: dt.datetime) -> dict[str, Claim]:
+    """Return which robots have some things for themselves now.
+
+    Parameters
+    ----------
+    things
+        IRIs.
+    """
+    nodes = " ".join(str(NamedNode(thing)) for thing in sorted(set(things)))
+    claims: dict[str, Claim] = {}
+    for row in select(PREFIXES + _CLAIMED.format(things=nodes)) if nodes else ():
+        begun, until = _time(row.value("begun")), _time(row.value("last"))
+        if begun is not None and until is not None:
+            claim = Claim(str(row.value("claim")), str(row.value("robot")), begun, until)
+            if claim.is_live(now):
+                claims[str(row.value("thing"))] = claim
+    return claims
 
 
 def _plan(row: Row, steps: tuple[QueuedStep, ...], open_goals: tuple[str, ...]) -> QueuedPlan:

@@ -9,9 +9,11 @@ import pytest
 
 import rtask
 from rtask.errors import RtaskError
+from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.namespaces import PREFIXES
-from tests.rtask.tasks.conftest import BASE, LAB, LEFT, RIGHT, TABLE, placed, robot
+from rtask.tasks.queue.claiming import claim_step
+from tests.rtask.tasks.conftest import BASE, LAB, LEFT, NAO, PANDA, PEN, RIGHT, TABLE, placed, robot
 
 _THINGS = f"""
   <{BASE}object/4> a rt:Box ; rt:objectId "lab/4" ; rt:name "crate" ; rt:graspWidth 0.12e0 ;
@@ -89,6 +91,42 @@ def test_of_what_no_action_brings_about_that_is_the_reason(lab: KnowledgeBase) -
     goal = '?t <urn:weighedBy> ?r WHERE { ?t rt:exemplarOf/rt:name "pen" . ?r rt:name "nao-1" }'
     (refusal,) = lab.tasks.plan(goal).refusals
     assert refusal.text.startswith("no action that the graph knows of brings this about")
+
+
+def test_what_is_over_is_withdrawn_from_all_graphs_that_say_it(lab: KnowledgeBase) -> None:
+    insert(lab, f"<{LEFT}> a rt:Shut .")
+    lab.update(
+        f"{PREFIXES} INSERT DATA {{ GRAPH <{BASE}graph/own> {{ <{NAO}/hand> a rt:OutOfOrder }} }}"
+    )
+    (refusal,) = lab.tasks.plan("pen to the left box").refusals
+    assert "nao-1 hand is out of order and left box is shut" in refusal.text
+    (update,) = re.findall(r"rtask update '([^']*)'", refusal.text)
+    lab.update(update)
+    assert lab.tasks.plan("pen to the left box").is_complete
+
+
+def test_what_another_robot_holds_is_said_to_be_in_its_hand(lab: KnowledgeBase) -> None:
+    at = f"<{BASE}placement/3b>"
+    insert(
+        lab,
+        f"""{at} a rt:Placement ; rt:placementOf <{PEN}> ; rt:placedIn <{NAO}/hand> ;
+        time:hasBeginning {at[:-1]}/begin> . {at[:-1]}/begin> time:inXSDDateTimeStamp
+        "2026-02-01T10:00:00Z"^^xsd:dateTimeStamp .""",
+    )
+    (refusal,) = lab.tasks.plan("panda-1 should put the pen into the right box").refusals
+    assert refusal.text.startswith("it is in nao-1 hand, which would have to put it down first")
+    assert lab.tasks.plan("the pen into the right box").is_complete, "once it is left out who"
+
+
+def test_what_another_plan_has_claimed_is_said_and_waited_for(lab: KnowledgeBase) -> None:
+    lab.tasks.store(lab.tasks.plan("pen to the left box"))
+    assert len(lab.tasks.plan("pen to the right box").understood) == 1, "nobody is at it yet"
+    claim_step(lab, NAO, Access("nao-1", "robot"))
+    plan = lab.tasks.plan("pen to the right box")
+    assert plan.understood[1].startswith("nao-1 has pen for another step now: steps with it begin")
+    lab.tasks.store(plan)
+    waits = claim_step(lab, PANDA, Access("panda-1", "robot")).waits
+    assert waits[0].why == "nao-1 has the thing"
 
 
 @pytest.mark.parametrize(
