@@ -96,8 +96,8 @@ def test_the_lens_is_found_within_its_own_error(shots: Shots) -> None:
     assert sorted(found.poses) == list(range(10))  # the last picture shows no board
     assert found.reprojection_px < 0.2
     assert 0.4 < found.reach < 0.8  # the boards stay off the corners of the picture
-    # Three standard errors, each below half of a percent of the focal length.
-    assert found.focal_error_px < 0.005 * truth.fx
+    # Three standard errors, each below .7 percent of the focal length.
+    assert found.focal_error_px < 0.007 * truth.fx
     assert abs(camera.fx - truth.fx) < 3 * found.focal_error_px
     assert abs(camera.fy - truth.fy) < 3 * found.focal_error_px
     assert abs(camera.cx - truth.cx) < 3 * found.centre_error_px
@@ -137,6 +137,14 @@ def test_postures_that_leave_the_camera_open_are_refused(shots: Shots) -> None:
     nothing = [np.zeros_like(depth) for depth in shots.depths_m]
     with pytest.raises(ValueError, match="plane of 0 boards"):
         estimate_place(found.poses, BOARD, nothing, DEPTH)
+
+
+def test_pictures_that_were_cropped_elsewhere_do_not_agree_on_a_camera(shots: Shots) -> None:
+    # The residuals stay below .2 px: a board that is turned a little looks nearly as one that was
+    # shifted.
+    shifted = [np.roll(picture, 40, axis=1) for picture in shots.pictures[:3]]
+    with pytest.raises(ValueError, match=r"do not agree on one camera: without picture \d+ its"):
+        estimate_lens([*shifted, *shots.pictures[3:]], BOARD)
 
 
 def test_the_command_writes_what_the_option_camera_reads(
