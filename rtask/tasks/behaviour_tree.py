@@ -61,7 +61,7 @@ def _identifiers(
     names: Iterable[str], word_of: Callable[[str], str], reserved: Collection[str]
 ) -> Mapping[str, str]:
     """Return an identifier for each name: its word where that will do and nobody else has it."""
-    found: dict[str, str] = {}
+    identifiers: dict[str, str] = {}
     taken = set(reserved)
     for name in dict.fromkeys(names):
         word = _FORBIDDEN.sub("_", word_of(name))
@@ -71,8 +71,8 @@ def _identifiers(
             number += 1
             unique = f"{base}_{number}"
         taken.add(unique)
-        found[name] = unique
-    return found
+        identifiers[name] = unique
+    return identifiers
 
 
 def _words(text: str) -> str:

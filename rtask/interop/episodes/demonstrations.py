@@ -335,8 +335,8 @@ def _demonstrations(folder: Path, info: Mapping[str, Any], name: str) -> Iterato
 
 def _held(rows: Sequence[Any]) -> bool | None:
     """Return whether any row says that the episode succeeded; None if no row says anything."""
-    told = [bool(np.any(row)) for row in rows if row is not None]
-    return any(told) if told else None
+    marks = [bool(np.any(row)) for row in rows if row is not None]
+    return any(marks) if marks else None
 
 
 def _motion(info: Mapping[str, Any], rows: Mapping[str, list[Any]], where: str) -> Motion | None:

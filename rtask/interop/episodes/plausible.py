@@ -64,7 +64,7 @@ def check_episodes(kb: GraphCore, quads: Sequence[Quad], now: dt.datetime | None
     _check_outcomes(quads)
     for quad, stored in _differing(kb, quads):
         raise ConflictError(
-            f"{_said(quad)}, and stored is {stored}: one attempt has one outcome; report another "
+            f"{_quoted(quad)}, and stored is {stored}: one attempt has one outcome; report another "
             "under a name of its own, or have a person judge it (give_feedback)",
             stored=str(stored),
             reported=str(quad.object),
@@ -76,10 +76,10 @@ def _number(quad: Quad) -> float:
     try:
         return float(str(python_value(quad.object)))
     except ValueError as error:
-        raise DataError(f"{_said(quad)}: expected a number") from error
+        raise DataError(f"{_quoted(quad)}: expected a number") from error
 
 
-def _said(quad: Quad) -> str:
+def _quoted(quad: Quad) -> str:
     return f"the file says {quad.subject} {quad.predicate} {quad.object}"
 
 
@@ -87,10 +87,10 @@ def _check_value(quad: Quad, value: Literal, latest: dt.datetime) -> None:
     kind = value.datatype.value
     if kind in _NUMBERS:
         if not math.isfinite(_number(quad)):
-            raise DataError(f"{_said(quad)}: expected a finite number")
+            raise DataError(f"{_quoted(quad)}: expected a finite number")
     elif kind == _TIME and moment(value.value) > latest:
         raise DataError(
-            f"{_said(quad)}, more than {AHEAD_S:g} s ahead of the clock here: the clock of the "
+            f"{_quoted(quad)}, more than {AHEAD_S:g} s ahead of the clock here: the clock of the "
             "robot was wrong, and what happened later would never outdo it; correct the times"
         )
 
@@ -102,9 +102,9 @@ def _check_grasps(quads: Iterable[Quad]) -> None:
     for quad in quads:
         is_place = quad.predicate in places and quad.subject in poses
         if quad.predicate in _WIDTHS and not 0.0 <= _number(quad) <= _WIDEST_M:
-            raise DataError(f"{_said(quad)}: expected 0 to {_WIDEST_M:g} m")
+            raise DataError(f"{_quoted(quad)}: expected 0 to {_WIDEST_M:g} m")
         if is_place and abs(_number(quad)) > _FARTHEST_M:
-            raise DataError(f"{_said(quad)}: more than {_FARTHEST_M:g} m from the object")
+            raise DataError(f"{_quoted(quad)}: more than {_FARTHEST_M:g} m from the object")
 
 
 def _check_outcomes(quads: Iterable[Quad]) -> None:
@@ -115,21 +115,21 @@ def _check_outcomes(quads: Iterable[Quad]) -> None:
             continue
         if held[quad.subject] != (quad.object == reason("ok")):
             word = "a success" if held[quad.subject] else "a failure"
-            raise DataError(f"{_said(quad)}: that does not fit {word}")
+            raise DataError(f"{_quoted(quad)}: that does not fit {word}")
 
 
 def _differing(kb: GraphCore, quads: Iterable[Quad]) -> Iterator[tuple[Quad, object]]:
     """Yield what a file says of stored attempts and their outcomes, and what is stored instead."""
     attempts = {q.subject for q in quads if q.predicate == RDF.type and q.object == RT.GraspAttempt}
     outcomes = {q.object for q in quads if q.predicate == RT.hasOutcome and q.subject in attempts}
-    known: dict[tuple[object, NamedNode], set[object]] = {}
+    stored_values: dict[tuple[object, NamedNode], set[object]] = {}
     for quad in quads:
         of_attempt = quad.subject in attempts and quad.predicate in _OF_ATTEMPTS
         if not of_attempt and not (quad.subject in outcomes and quad.predicate in _OF_OUTCOMES):
             continue
         assert isinstance(quad.subject, NamedNode | BlankNode)
         about = (quad.subject, quad.predicate)
-        if about not in known:
-            known[about] = {stored.object for stored in kb.match(*about)}
-        if known[about] and quad.object not in known[about]:
-            yield quad, sorted(known[about], key=str)[0]
+        if about not in stored_values:
+            stored_values[about] = {stored.object for stored in kb.match(*about)}
+        if stored_values[about] and quad.object not in stored_values[about]:
+            yield quad, sorted(stored_values[about], key=str)[0]

@@ -117,5 +117,5 @@ def _height_of(world: WorldState, product: str) -> float:
             default=None)
         for term in (RT.extentX, RT.extentY, RT.extentZ)
     ]  # fmt: skip
-    known = [extent for extent in extents if extent is not None]
-    return max(known) if len(known) == len(extents) else _UNKNOWN_HEIGHT_M
+    stated = [extent for extent in extents if extent is not None]
+    return max(stated) if len(stated) == len(extents) else _UNKNOWN_HEIGHT_M

@@ -70,9 +70,9 @@ def _is_narrowed(frame: Frame, spans: Sequence[Span]) -> bool:
     for number, span in enumerate(reversed(before)):
         if span.text in DETERMINERS:
             return True
-        is_known = span.text in SILENT or stem(span.text) in MOVEMENT or span.text in MOVEMENT
+        is_understood = span.text in SILENT or stem(span.text) in MOVEMENT or span.text in MOVEMENT
         # "the standing cups" has a word that is silent elsewhere.
-        if span.kind != "word" or (is_known and number):
+        if span.kind != "word" or (is_understood and number):
             break
     behind = next((item for item in spans if item.start == frame.thing.end), None)
     return behind is not None and behind.text in RELATIVES

@@ -84,8 +84,8 @@ def _placed(frame: Frame, span: Span) -> Frame | None:
         # "make room on the shelf by taking the ball to the left box": talk comes first.
         return replace(frame, target=span) if target.clause != span.clause or (
             span.preposition == "to") else None  # fmt: skip
-    is_of_thing = target.preposition == "at" and target.start == frame.thing.end
-    if is_of_thing and frame.source is None:  # "the cup on the table should be on the shelf"
+    is_of_object = target.preposition == "at" and target.start == frame.thing.end
+    if is_of_object and frame.source is None:  # "the cup on the table should be on the shelf"
         return replace(frame, source=target, target=span)
     return None
 

@@ -67,7 +67,7 @@ def propose(items: Items) -> Proposal | None:
     if not frames or is_blocked(spans, frames, loose):
         return None
     talk = {span.clause for span in spans if is_talk(spans, span.clause)}
-    if any(_is_told(frame, talk) for frame in frames):
+    if any(_is_narrated(frame, talk) for frame in frames):
         return None
     left_out = [text for run in _runs(loose) if (text := _left_out(items, run, talk))]
     targets = [frame.target for frame in frames if frame.target is not None]
@@ -82,7 +82,7 @@ def _sentence(frames: Sequence[Frame]) -> str:
     )
 
 
-def _is_told(frame: Frame, talk: set[int]) -> bool:
+def _is_narrated(frame: Frame, talk: set[int]) -> bool:
     return all(span.clause in talk for span in (frame.thing, frame.target) if span is not None)
 
 

@@ -69,15 +69,15 @@ def _spans(items: Items, phrases: Phrases, at: int, clause: int) -> Iterator[Spa
                 if end:
                     yield Span("place", at, end, items.text(start, end), clause, preposition)
     for start in (*items.ends(at, "next|close to"), *items.ends(at, "beside|near|alongside")):
-        end = _thing_end(phrases, start)
+        end = _object_end(phrases, start)
         if end:  # no action brings things beside others; where these are is the nearest goal
             yield Span("place", at, end, f"where {items.text(start, end)} is", clause, "near")
-    end, thing_end = _place_end(items, phrases, at), _thing_end(phrases, at)
-    if end >= thing_end and end:
+    end, object_end = _place_end(items, phrases, at), _object_end(phrases, at)
+    if end >= object_end and end:
         yield Span("place", at, end, items.text(at, end), clause)
     # "They can go back", "can the ball ...": a can has a word before it that says which.
-    if thing_end and items.text(at, thing_end) != "can":
-        yield Span("thing", at, thing_end, items.text(at, thing_end), clause)
+    if object_end and items.text(at, object_end) != "can":
+        yield Span("thing", at, object_end, items.text(at, object_end), clause)
     robot = items.name(at, "robot")
     if robot is not None:
         yield Span("robot", at, robot.mentions[0].end, robot.text, clause)
@@ -98,7 +98,7 @@ def _place_end(items: Items, phrases: Phrases, at: int) -> int:
     return max(ends, default=0)
 
 
-def _thing_end(phrases: Phrases, at: int) -> int:
+def _object_end(phrases: Phrases, at: int) -> int:
     """Return where a phrase about things ends that begins here; 0 for none.
 
     Places stay out of it where they can: which of two is where from, the slots decide.
