@@ -58,6 +58,11 @@ def main() -> None:
 
 def of_lab(rng: np.random.Generator) -> Idle:
     """Return the times of a random goal in a random lab."""
+    return run(*plan_of(rng))
+
+
+def plan_of(rng: np.random.Generator) -> tuple[Sequence[PlannedStep], dict[str, set[str]]]:
+    """Return the plan for a random goal in a random lab, and which places each robot reaches."""
     robots = [f"robot-{number}" for number in range(int(rng.integers(2, 5)))]
     reach = {name: [p for p in _PLACES if rng.random() < 0.8] or [_PLACES[0]] for name in robots}
     reach[robots[0]] = list(_PLACES)
@@ -66,8 +71,7 @@ def of_lab(rng: np.random.Generator) -> Idle:
         kb.update(_update(rng, reach))
         plan = kb.tasks.plan("every cup into the left box; every pen into the right box")
     assert plan.is_complete, plan.text
-    return run(plan.steps, {f"{_BASE}robot/{name}": {_place(p) for p in reach[name]}
-                            for name in robots})  # fmt: skip
+    return plan.steps, {f"{_BASE}robot/{name}": {_place(p) for p in reach[name]} for name in robots}
 
 
 def _place(name: str) -> str:
@@ -130,7 +134,7 @@ def _holding(
     """Return the robots that have something in their hand between two steps."""
     holding: set[str] = set()
     for step in steps:
-        put = _put_of(step, steps)
+        put = put_of(step, steps)
         if put is not None and ended[step.number] <= now < begun[put.number]:
             holding.update(step.robots)
     return holding
@@ -141,7 +145,7 @@ def _could(
     begun: dict[int, float], ended: dict[int, float], now: float,
 ) -> bool:  # fmt: skip
     """Whether a robot could pick up now what nobody has, and put it where it is to go."""
-    put = _put_of(pick, steps)
+    put = put_of(pick, steps)
     if put is None or begun[pick.number] <= now or robot in pick.robots:
         return False
     # What it waits for beside its own robot's other work.
@@ -152,7 +156,7 @@ def _could(
     return is_ready and places <= reach[robot]
 
 
-def _put_of(pick: PlannedStep, steps: Sequence[PlannedStep]) -> PlannedStep | None:
+def put_of(pick: PlannedStep, steps: Sequence[PlannedStep]) -> PlannedStep | None:
     """Return the step that puts down what a step picks up."""
     if not pick.action.endswith("Grasp"):
         return None
