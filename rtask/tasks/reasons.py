@@ -19,13 +19,15 @@ __all__ = ["crowded", "refusal"]
 
 _MAX_ROBOTS = 6
 _LIMITS = """
-SELECT (MAX(?opening) AS ?widest) (MAX(?payload) AS ?strongest) (SAMPLE(?w) AS ?width)
-  (MIN(?m) AS ?mass) WHERE {
+SELECT (MAX(?opening) AS ?widest) (MIN(?low) AS ?narrowest) (MAX(?payload) AS ?strongest)
+  (SAMPLE(?w) AS ?width) (MIN(?m) AS ?mass) WHERE {
   %s rt:hasEndEffector ?hand
   OPTIONAL { ?hand rt:maxOpening ?opening } OPTIONAL { ?hand rt:maxPayload ?payload }
+  OPTIONAL { ?hand rt:minOpening ?low }
   OPTIONAL { %s rt:effectiveGraspWidth ?w }
   OPTIONAL { { %s rt:effectiveMass ?m } UNION { %s rt:massBound ?m } }
 }"""
+_LIMIT_NAMES = ("widest", "narrowest", "strongest", "width", "mass")
 
 
 def refusal(
@@ -217,9 +219,9 @@ def _why_no_grasp(select: Select, robot: str, exemplar: str, wording: Wording) -
     """Return which of the conditions of ``rt:canGrasp`` fails for a robot, with its numbers."""
     what, who = str(NamedNode(exemplar)), str(NamedNode(robot))
     row = select(PREFIXES + _LIMITS % (who, what, what, what))[0]
-    widest, strongest, width, mass = (
+    widest, narrowest, strongest, width, mass = (
         float(value) if isinstance(value, int | float) else None
-        for value in (row.value(name) for name in ("widest", "strongest", "width", "mass"))
+        for value in (row.value(name) for name in _LIMIT_NAMES)
     )
     name, owner = wording.name(exemplar), wording.name(robot)
     unknown = [of for of, value in (("graspWidth", width), ("mass", mass)) if value is None]
@@ -243,4 +245,21 @@ def _why_no_grasp(select: Select, robot: str, exemplar: str, wording: Wording) -
             f"{strongest:.2f} kg",
             f"a robot there with a hand that lifts {mass:.2f} kg would",
         )
-    return _GraspLack(f"{owner} cannot grasp {name}")
+    if width < (narrowest or 0.0):
+        return _GraspLack(
+            f"{name} is {1000 * width:.1f} mm wide, and no hand of {owner} closes below "
+            f"{1000 * (narrowest or 0.0):.1f} mm",
+            f"a robot there with a hand that closes to {1000 * width:.1f} mm would",
+        )
+    # What nobody has stated of a hand is not known to be enough.
+    limits = {"minOpening": narrowest, "maxOpening": widest, "maxPayload": strongest}
+    lacking = " and ".join(f"rt:{of}" for of, value in limits.items() if value is None)
+    if lacking:
+        return _GraspLack(
+            f"nobody has stated {lacking} of a hand of {owner}",
+            f"once known, state {lacking} of that hand, in m and kg",
+        )
+    return _GraspLack(
+        f"no one hand of {owner} is known to grasp what is {1000 * width:.0f} mm wide and weighs "
+        f"{mass:.2f} kg"
+    )

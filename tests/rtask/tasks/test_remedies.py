@@ -93,6 +93,49 @@ def test_of_what_no_action_brings_about_that_is_the_reason(lab: KnowledgeBase) -
     assert refusal.text.startswith("no action that the graph knows of brings this about")
 
 
+@pytest.mark.parametrize(
+    ("lost", "given", "said"),
+    [
+        ("maxPayload", "rt:maxPayload 0.2e0", "state rt:maxPayload of that hand"),
+        ("maxOpening", "rt:maxOpening 0.05e0", "state rt:maxOpening of that hand"),
+        ("minOpening", "rt:minOpening 0.0e0", "state rt:minOpening of that hand"),
+    ],
+)
+def test_a_measure_of_a_hand_that_nobody_has_stated_is_asked_for(
+    lab: KnowledgeBase, lost: str, given: str, said: str
+) -> None:
+    lab.update(f"{PREFIXES} DELETE WHERE {{ GRAPH ?g {{ <{NAO}/hand> rt:{lost} ?x }} }}")
+    (refusal,) = lab.tasks.plan("nao-1 should put the pen into the left box").refusals
+    assert said in refusal.text
+    insert(lab, f"<{NAO}/hand> {given} .")
+    assert lab.tasks.plan("nao-1 should put the pen into the left box").is_complete
+
+
+def test_of_what_is_too_thin_or_needs_both_hands_of_a_robot_that_is_said(
+    lab: KnowledgeBase,
+) -> None:
+    insert(
+        lab,
+        f"""<{BASE}object/7> a rt:Pen ; rt:objectId "lab/7" ; rt:name "needle" ;
+        rt:graspWidth 0.001e0 ; rt:mass 0.001e0 . {placed(7, TABLE)}
+        <{NAO}> rt:hasEndEffector <{NAO}/wide> . <{NAO}/wide> a rt:Hand ; rt:name "wide hand" ;
+        rt:gripperType "wide" ; rt:minOpening 5.0e-3 ; rt:maxOpening 0.09e0 ; rt:maxPayload 0.5e0 .
+        <{NAO}/strong> a rt:Hand ; rt:name "strong hand" ; rt:gripperType "strong" ;
+        rt:minOpening 5.0e-3 ; rt:maxOpening 0.05e0 ; rt:maxPayload 2.0e0 .
+        <{NAO}> rt:hasEndEffector <{NAO}/strong> .""",
+    )
+    (refusal,) = lab.tasks.plan("nao-1 should put the jug into the left box").refusals
+    assert (
+        "no one hand of nao-1 is known to grasp what is 70 mm wide and weighs 1.00 kg"
+        in refusal.text
+    )
+    lab.update(
+        f"{PREFIXES} DELETE WHERE {{ GRAPH ?g {{ <{NAO}> rt:hasEndEffector <{NAO}/hand> }} }}"
+    )
+    (refusal,) = lab.tasks.plan("nao-1 should put the needle into the left box").refusals
+    assert "needle is 1.0 mm wide, and no hand of nao-1 closes below 5.0 mm" in refusal.text
+
+
 def test_what_is_over_is_withdrawn_from_all_graphs_that_say_it(lab: KnowledgeBase) -> None:
     insert(lab, f"<{LEFT}> a rt:Shut .")
     lab.update(
