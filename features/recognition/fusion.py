@@ -100,13 +100,16 @@ def fuse(
             mean = min(mean, 0.0)
         best = max(matches, key=lambda match: match.confidence)
         shown = here.get(object_iri) or replace(
-            best, query_from_view=None, difference=None, homography=None
+            best, query_from_view=None, difference=None, homography=None, beside=""
         )
         # A word that one look shows in place of another is not outvoted by looks that hide it.
         words = next((match.words for match in matches if match.words is not None), None)
         mean = mean if words is None else min(mean, 0.0)
         fused.append(replace(shown, confidence=_share(mean), words=words))
     fused.sort(key=lambda match: (-match.confidence, match.object_iri))
+    first_seen = next((match.object_iri for match in looks[0].matches), "")
+    if fused and fused[0].object_iri != first_seen:
+        fused = [replace(match, beside="") for match in fused]
     constants = confidence or ConfidenceParams()
     untried = min(look.views_untried for look in looks)
     if len(fused) == 0:

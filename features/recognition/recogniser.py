@@ -17,6 +17,7 @@ from features.recognition.candidates import (
     verified_views,
 )
 from features.recognition.comparison.all_views import agreement_of_views, odds_of_views
+from features.recognition.comparison.beside import BesideParams, place_beside
 from features.recognition.comparison.confidence import within_requirements
 from features.recognition.comparison.evidence import Difference
 from features.recognition.comparison.printed import PrintedView, printed_objects, proposed_views
@@ -82,6 +83,9 @@ class Match:
     words
         A word of the query in the place of another one of the object: it is a sibling. None where
         words were not read, or say nothing against it.
+    beside
+        Where this object is seen from the first one, as "to the right": two things are in the
+        picture. Empty for the first one, and for what resembles that.
     """
 
     object_iri: str
@@ -99,6 +103,7 @@ class Match:
     is_in_other_light: bool = False
     homography: NDArray[np.float64] | None = None
     words: WordContradiction | None = None
+    beside: str = ""
 
 
 @dataclass(frozen=True)
@@ -202,10 +207,17 @@ class Recogniser:
         if printed is not None and self._twins.of_view(snapshot, printed.view):
             # Of two objects with one print, the one that looks more alike does so by chance.
             outcome, accepted = "multiple", False
+        beside = _beside(features, snapshot, [candidates[k] for k in order])
+        # A neighbour has little of the query's print for itself, and is named all the same.
         matches = [
-            _as_match(candidates[k], snapshot, float(confidence[k]))
+            _as_match(
+                candidates[k],
+                snapshot,
+                float(confidence[k]),
+                beside.get(candidates[k].object_number, ""),
+            )
             for k in order[:max_results]
-            if confidence[k] >= _MIN_NAMED
+            if confidence[k] >= _MIN_NAMED or candidates[k].object_number in beside
         ]
         family = "" if accepted else self._family(candidates, confidence, snapshot)
         if family:
@@ -345,7 +357,30 @@ class Recogniser:
         return printed_objects(features, snapshot, self._facts, views, chosen_objects, MAX_CHOSEN)
 
 
-def _as_match(candidate: Candidate, snapshot: Snapshot, confidence: float) -> Match:
+def _beside(
+    features: ViewFeatures, snapshot: Snapshot, candidates: list[Candidate]
+) -> dict[int, str]:
+    """Return where other things are seen than the first of the candidates, by object number."""
+    params = BesideParams()
+    first = next(iter(candidates), None)
+    if first is None or first.printed is None or len(first.printed.alignment) < params.min_matches:
+        return {}
+    accepted = first.printed.alignment, snapshot.stored_view(first.printed.view)
+    places = {}
+    for candidate in candidates[1:]:
+        printed = candidate.printed
+        if printed is None or candidate.evidence.inliers < params.min_places:
+            continue
+        other = printed.alignment, snapshot.stored_view(printed.view)
+        place = place_beside(features, accepted, other, params)
+        if place:
+            places[candidate.object_number] = place
+    return places
+
+
+def _as_match(
+    candidate: Candidate, snapshot: Snapshot, confidence: float, beside: str = ""
+) -> Match:
     """Return the answer's entry."""
     views = candidate.views
     inliers, difference = candidate.evidence.inliers, None
@@ -372,6 +407,7 @@ def _as_match(candidate: Candidate, snapshot: Snapshot, confidence: float) -> Ma
         homography=None
         if candidate.printed is None
         else candidate.printed.alignment.query_from_view,
+        beside=beside,
     )
 
 

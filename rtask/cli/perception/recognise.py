@@ -120,6 +120,7 @@ def recognise(
             verdict += "were left out; another view may decide"
         if not row["accepted"]:
             verdict = "; ".join((verdict, *row["lacks"]))
+        verdict += row["beside"]
         pose = row["pose"]
         if pose is not None:
             verdict += f", pose {pose['confidence']:.2f}"
@@ -223,6 +224,7 @@ def _asked(
                     "ask_again": answer["ask_again"],
                     "in_other_light": answer["in_other_light"],
                     "views_untried": answer["views_untried"],
+                    "beside": _beside(answer),
                     "lacks": [] if crop.rgb is None else list(lacking(crop.rgb)),
                     "pose": None,
                     "matches": [
@@ -253,8 +255,18 @@ def _pose_row(pose: ObjectPose | None) -> dict[str, Any] | None:
     }
 
 
+def _beside(answer: Mapping[str, Any]) -> str:
+    """Return what a server says of another thing in the picture."""
+    from rtask.engine.perception.identity import NEIGHBOUR
+
+    # A server of an earlier version names one thing only.
+    _, mark, beside = answer.get("message", "").partition(f"; {NEIGHBOUR}")
+    return f"{mark}{beside.partition(';')[0]}"
+
+
 def _row(view: Seen) -> dict[str, Any]:
     from features.imaging.exposure import lacking
+    from rtask.engine.perception.identity import neighbour_words
 
     return {
         "label": view.label,
@@ -269,6 +281,7 @@ def _row(view: Seen) -> dict[str, Any]:
         "ask_again": view.answer.ask_again,
         "in_other_light": view.answer.is_in_other_light,
         "views_untried": view.answer.views_untried,
+        "beside": neighbour_words(view.answer, view.names),
         "lacks": [] if view.crop.rgb is None else list(lacking(view.crop.rgb)),
         "pose": _pose_row(view.pose),
         "matches": [

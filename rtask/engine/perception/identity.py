@@ -7,7 +7,7 @@ there is no other object that the view could resemble more.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -24,8 +24,19 @@ if TYPE_CHECKING:
     from rtask.engine.networks.embeddings import Embeddings
     from rtask.engine.networks.printed_words import PrintedWords
 
-__all__ = ["has_rivals", "is_plausible", "recognise", "settle", "verdict", "weakness"]
+__all__ = [
+    "NEIGHBOUR",
+    "has_rivals",
+    "is_plausible",
+    "neighbour_words",
+    "recognise",
+    "settle",
+    "verdict",
+    "weakness",
+]
 
+NEIGHBOUR = "also looks like "
+"""Begins the sentence about another thing in the picture."""
 _FEW_KEYPOINTS = 12
 """Of a view: half of them match at best, and six matches are the least that is compared."""
 
@@ -108,6 +119,8 @@ def settle(
         and is_plausible(memory.objects[match.object_iri], seen, policy)
     )
     is_first = bool(plausible) and plausible[0] is recognition.matches[0]
+    if not is_first:  # nothing is beside a match that is gone
+        plausible = tuple(replace(match, beside="") for match in plausible)
     return replace(
         recognition,
         accepted=recognition.accepted and is_first,
@@ -123,7 +136,9 @@ def verdict(recognition: Recognition, memory: Memory, seen: Observation | None =
     resembles nothing, which does not mean that the object is not stored.
     """
     doubts = () if seen is None else seen.frame.doubts
-    sentence = "; ".join((_verdict(recognition, memory), *doubts))
+    labels = {iri: item.label for iri, item in memory.objects.items()}
+    sentence = _verdict(recognition, memory) + neighbour_words(recognition, labels)
+    sentence = "; ".join((sentence, *doubts))
     if recognition.accepted or seen is None or seen.frame.rgb is None:
         return sentence
     from features.imaging.exposure import lacking
@@ -157,6 +172,24 @@ def _verdict(recognition: Recognition, memory: Memory) -> str:
     if recognition.is_in_other_light:
         return f"may be {name} in another light; a view stored in this light may decide"
     return f"may be {name}; another view may decide"
+
+
+def neighbour_words(recognition: Recognition, labels: Mapping[str, str]) -> str:
+    """Say which other things are in the picture of the first match; empty if none is known.
+
+    Parameters
+    ----------
+    labels
+        What people call the objects, by IRI.
+    """
+    beside = [
+        f"{labels.get(match.object_iri) or match.object_iri}, {match.beside}"
+        for match in recognition.matches[1:]
+        if match.beside
+    ]
+    if not beside:
+        return ""
+    return f"; {NEIGHBOUR}{' and '.join(beside)}: give a box or mask of one of them"
 
 
 def weakness(seen: Observation) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from features.recognition.recogniser import Match, Recognition
-from rtask.engine.perception.identity import verdict
+from rtask.engine.perception.identity import settle, verdict
 
 MUG = "https://example.org/lab/object/1"
 KNOWN: Any = SimpleNamespace(objects={MUG: SimpleNamespace(label="mug")})
@@ -60,3 +60,16 @@ def test_a_picture_that_shows_too_little_is_named_where_nothing_was_accepted() -
 
 def test_what_no_look_would_decide_says_nothing_of_the_light() -> None:
     assert verdict(_doubt(True, ask_again=False), KNOWN) == "may be mug"
+
+
+def test_another_thing_in_the_picture_is_named_and_forgotten_with_the_first_match() -> None:
+    cup = "https://example.org/lab/object/2"
+    known: Any = SimpleNamespace(objects={**KNOWN.objects, cup: SimpleNamespace(label="cup")})
+    first = _doubt(False).matches[0]
+    both = (first, replace(first, object_iri=cup, confidence=0.1, beside="to the right"))
+    answer = Recognition("single", True, both)
+    said = "is mug; also looks like cup, to the right: give a box or mask of one of them"
+    assert verdict(answer, known) == said
+    only_cup: Any = SimpleNamespace(objects={cup: SimpleNamespace(label="cup", size=None)})
+    settled = settle(answer, only_cup, SimpleNamespace(), SimpleNamespace())  # type: ignore[arg-type]
+    assert "also" not in verdict(settled, only_cup)
