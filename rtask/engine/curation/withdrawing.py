@@ -334,7 +334,9 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
                     edit.remove(quads)
                 continue
             for quad in quads:
-                if quad.object in self.about and quad.object not in survivors:
+                is_left_behind = quad.object in self.about and quad.object not in survivors
+                # That it reaches a table is known from what it took from there.
+                if is_left_behind or quad.predicate == RT.reaches:
                     edit.remove([quad])
 
     def _is_note_on(self, node: NamedNode, survivors: set[NamedNode]) -> bool:

@@ -33,7 +33,7 @@ def at(x: float, y: float, z: float) -> dict[str, Any]:
     return {"position": {"x": x, "y": y, "z": z}, "orientation": turned}
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def lab() -> Any:
     with rtask.open(":memory:", base=BASE) as kb:
         assert isinstance(kb, KnowledgeBase)
@@ -68,3 +68,5 @@ def test_what_it_sees_it_takes_from_the_table_to_the_box_once_it_is_known_to_rea
     plan = engine.call("plan_goal", {"goal": GOAL})
     assert plan["complete"], plan["text"]
     assert len(plan["steps"]) == 2, "the blue cup is there already"
+    engine.call("withdraw_contributor", {"contributor": "arm-1"})
+    assert not kb.match(iri(ROBOT), RT.reaches), "that was known from what it took and put"
