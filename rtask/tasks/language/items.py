@@ -47,6 +47,11 @@ class Items:
         self.expected: dict[int, set[str]] = {}
         """Words that rules have looked for where they found another one."""
 
+    @property
+    def stopped(self) -> int:
+        """Number of the word at which reading has stopped."""
+        return min(self.furthest, len(self) - 1)
+
     def __len__(self) -> int:
         return len(self.words)
 

@@ -70,7 +70,7 @@ def not_understood(select: Select, items: Items, names: set[str]) -> UsageError 
     names
         Of what there is in the graph.
     """
-    at = min(items.furthest, len(items) - 1)
+    at = items.stopped
     word = items.word(at)
     listed = _listed(items)
     spoken = f" {' '.join(items.words)} "

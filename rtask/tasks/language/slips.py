@@ -51,7 +51,7 @@ def mistyped(items: Items, names: Iterable[str]) -> Slip | None:
     names
         Of what there is in the graph.
     """
-    at = min(items.furthest, len(items) - 1)
+    at = items.stopped
     word = items.word(at)
     if not word.isalpha() or at in items.names:
         return None

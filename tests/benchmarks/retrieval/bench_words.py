@@ -139,6 +139,13 @@ def report(asked: list[Asked]) -> tuple[float, float]:
     return unknowns[1], recalls[0] - recalls[1]
 
 
+def verdict(unknown: float, lost: float) -> str:
+    """Return whether the gate holds, with the shares that decide it."""
+    holds = unknown <= MAX_UNKNOWN and lost <= MAX_LOSS
+    said = "holds" if holds else "FAILS"
+    return f"unknown accepted {unknown:.3f}, recall lost {lost:.3f}: {said}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=1)
@@ -152,10 +159,7 @@ def main() -> None:
             asked += ask_brand(engine, brand, args)
             print(f"brand {brand}: {time.process_time() - start:.0f} s of the processor")
             unknown, lost = report(asked)
-    holds = unknown <= MAX_UNKNOWN and lost <= MAX_LOSS
-    print(
-        f"unknown accepted {unknown:.3f}, recall lost {lost:.3f}: {'holds' if holds else 'FAILS'}"
-    )
+    print(verdict(unknown, lost))
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from features.words.contradiction import WordContradiction, contradicting_word
 from features.words.rapid import RapidReader
 from features.words.word import Word, words_of_view
 from tests.benchmarks.recognition.print_queries import SAME_PRINT
-from tests.benchmarks.retrieval.bench_words import MAX_LOSS, MAX_UNKNOWN, Asked, report
+from tests.benchmarks.retrieval.bench_words import Asked, report, verdict
 
 KNOWN, VIEWS, SHOTS = 10, 5, 8
 
@@ -123,10 +123,7 @@ def main() -> None:
         asked += ask_draw(photographs, args.seed + draw)
         print(f"{draw + 1} draws")
         unknown, lost = report(asked)
-    holds = unknown <= MAX_UNKNOWN and lost <= MAX_LOSS
-    print(
-        f"unknown accepted {unknown:.3f}, recall lost {lost:.3f}: {'holds' if holds else 'FAILS'}"
-    )
+    print(verdict(unknown, lost))
 
 
 if __name__ == "__main__":

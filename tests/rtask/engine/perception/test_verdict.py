@@ -70,6 +70,7 @@ def test_another_thing_in_the_picture_is_named_and_forgotten_with_the_first_matc
     answer = Recognition("single", True, both)
     said = "is mug; also looks like cup, to the right: give a box or mask of one of them"
     assert verdict(answer, known) == said
+    nothing: Any = SimpleNamespace()
     only_cup: Any = SimpleNamespace(objects={cup: SimpleNamespace(label="cup", size=None)})
-    settled = settle(answer, only_cup, SimpleNamespace(), SimpleNamespace())  # type: ignore[arg-type]
+    settled = settle(answer, only_cup, nothing, nothing)
     assert "also" not in verdict(settled, only_cup)
