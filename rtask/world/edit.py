@@ -95,58 +95,73 @@ class WorldEdit(PendingWorld):
         return exemplar
 
     def _see(self, seen: Seen) -> str:
-        exemplar = seen.exemplar
-        doubts: tuple[tuple[str, float], ...] = ()
-        rivals: Sequence[str] = ()
-        if not exemplar:
-            candidates = [
-                self.candidate(candidate, seen) for candidate in self.exemplars(seen.product)
-                if not self._look.has(candidate, seen.time_s)
-            ]  # fmt: skip
-            identity = identify(candidates, seen.sigma_m, seen.min_extent_m)
-            exemplar, doubts = identity.exemplar, identity.doubts
-            if identity.is_followed:
-                exemplar = self._united(exemplar, candidates, seen)
-            elif exemplar:
-                self._guessed.setdefault(seen.product, []).append(exemplar)
-            else:
-                rivals = self._guessed.get(seen.product, ())
-            # A thing that was followed all along is known by that, and needs no doubts.
-            if exemplar and not identity.is_followed:
-                doubts += mutual_doubts(self.world, exemplar, {name for name, _ in doubts})
-        if not exemplar:
-            exemplar = self.make_exemplar(seen.product)
-        for other, chance in doubts:
-            if other not in dict(self.world.doubts(exemplar)):
-                base = self.world.kb.base
-                self.statements += doubted(base, exemplar, other, chance, seen.time_s)
-        for other in rivals:
-            # Of three cups in sight two were lost: which two, nobody knows, nor ever will.
-            for pair in ((exemplar, other), (other, exemplar)):
-                share = 1.0 / (len(rivals) + 1)
-                self.statements += doubted(self.world.kb.base, *pair, share, seen.time_s)
+        exemplar = seen.exemplar or self._identified(seen)
         last = self.last(exemplar)
         if last is not None and seen.time_s < last.begin:
             self._see_late(exemplar, seen)
-            return exemplar
-        if last is not None and last.is_current and self.is_there(last, seen):
-            self._confirm(last, seen.time_s)
-            self._settle(last, seen.time_s)
-            if last.relation == "at":  # the table may have been described since
-                relation, place = self._support_of(seen, last)
-                if place:
-                    self.put(exemplar, relation, place, seen.time_s, seen.agent, was_carried=False)
-            return exemplar
-        if was_seen_since(last, seen.time_s):
-            return exemplar
+        elif last is not None and last.is_current and self.is_there(last, seen):
+            self._see_again(exemplar, seen, last)
+        elif not was_seen_since(last, seen.time_s):
+            self._see_elsewhere(exemplar, seen, last)
+        return exemplar
+
+    def _identified(self, seen: Seen) -> str:
+        """Return which thing of its product is seen, made if it is none of those known."""
+        candidates = [
+            self.candidate(candidate, seen) for candidate in self.exemplars(seen.product)
+            if not self._look.has(candidate, seen.time_s)
+        ]  # fmt: skip
+        identity = identify(candidates, seen.sigma_m, seen.min_extent_m)
+        doubts = identity.doubts
+        rivals: tuple[str, ...] = ()
+        if identity.is_followed:
+            # It is known by having been followed, so it may be none of the others.
+            exemplar = self._united(identity.exemplar, candidates, seen)
+        elif identity.exemplar:
+            exemplar = identity.exemplar
+            self._guessed.setdefault(seen.product, []).append(exemplar)
+            doubts += mutual_doubts(self.world, exemplar, {name for name, _ in doubts})
+        else:
+            exemplar = self.make_exemplar(seen.product)
+            rivals = tuple(self._guessed.get(seen.product, ()))
+        self._doubt(exemplar, doubts, rivals, seen.time_s)
+        return exemplar
+
+    def _doubt(
+        self,
+        exemplar: str,
+        doubts: Sequence[tuple[str, float]],
+        rivals: Sequence[str],
+        time_s: float,
+    ) -> None:
+        """State which known things it may be, and which were taken for it or may have been."""
+        base = self.world.kb.base
+        known = dict(self.world.doubts(exemplar)) if doubts else {}
+        for other, chance in doubts:
+            if other not in known:
+                self.statements += doubted(base, exemplar, other, chance, time_s)
+        for other in rivals:
+            # Of three cups in sight two were lost: which two, nobody knows, nor ever will.
+            for pair in ((exemplar, other), (other, exemplar)):
+                self.statements += doubted(base, *pair, 1.0 / (len(rivals) + 1), time_s)
+
+    def _see_again(self, exemplar: str, seen: Seen, last: Placement) -> None:
+        """State that a thing still is where it was."""
+        self._confirm(last, seen.time_s)
+        self._settle(last, seen.time_s)
+        if last.relation == "at":  # the table may have been described since
+            relation, place = self._support_of(seen, last)
+            if place:
+                self.put(exemplar, relation, place, seen.time_s, seen.agent, was_carried=False)
+
+    def _see_elsewhere(self, exemplar: str, seen: Seen, last: Placement | None) -> None:
+        """State where a thing is now: seen where it was put, it stays there with a new pose."""
         stays = last is not None and last.is_current and self.stays(last, seen)
-        # Seen where it was put, a thing stays in its box; only its pose is new.
         relation, place = (
             (last.relation, last.place) if last and stays else self._support_of(seen, last)
         )
         self._close(exemplar, seen.time_s)
         self._open(self._seen_at(exemplar, seen, relation, place))
-        return exemplar
 
     def _support_of(self, seen: Seen, last: Placement | None) -> tuple[Relation, str]:
         """Return what a thing stands on or lies in where it is seen now."""
