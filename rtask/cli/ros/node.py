@@ -10,6 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rtask.cli.ros.options import (
+    node_name_option,
+    outbox_option,
+    timeout_option,
+    token_file_option,
+    token_of,
+)
 from rtask.cli.ros.schema import engine_schema
 from rtask.errors import RemoteUnavailableError, UsageError
 
@@ -19,7 +26,7 @@ if TYPE_CHECKING:
     from rtask.interop.ros.node import RosNode
     from rtask.interop.ros.schema import Schema
 
-__all__ = ["end_on_signals", "node", "token_of"]
+__all__ = ["end_on_signals", "node"]
 
 
 @click.command()
@@ -30,19 +37,11 @@ __all__ = ["end_on_signals", "node", "token_of"]
     metavar="URL",
     help="Server; else ~url, else RTASK_SERVER.",
 )
-@click.option(
-    "--token-file",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="File with the robot's token; else RTASK_TOKEN.",
-)
-@click.option("--name", default="rtask_node", show_default=True, help="Name of the node.")
+@token_file_option
+@node_name_option
 @click.option("--frame", help="Frame with z up for answers; else ~frame, else base_footprint.")
 @click.option("--gripper", help="Name of the end effector; else ~gripper_id.")
-@click.option(
-    "--outbox",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="File that keeps what could not be sent to the server; it is sent again later.",
-)
+@outbox_option
 @click.option(
     "--wait",
     "wait_s",
@@ -51,14 +50,7 @@ __all__ = ["end_on_signals", "node", "token_of"]
     show_default=True,
     help="Longest wait for the ROS master, and for /clock, s.",
 )
-@click.option(
-    "--timeout",
-    "timeout_s",
-    type=click.FloatRange(min=0.1),
-    default=30.0,
-    show_default=True,
-    help="Longest wait for an answer of the server, s.",
-)
+@timeout_option
 def node(
     remaps: tuple[str, ...],
     url: str | None,
@@ -174,16 +166,6 @@ def _parameter(name: str, kind: type) -> Any:
     except (TypeError, ValueError):
         full = rospy.resolve_name(f"~{name}")
         raise UsageError(f"parameter {full}: expected a {kind.__name__}, got {value!r}") from None
-
-
-def token_of(file: Path | None) -> str | None:
-    """Return the token in a file, or else that of the environment."""
-    if file is None:
-        return os.environ.get("RTASK_TOKEN")
-    token = file.read_text("utf-8").strip()
-    if not token:
-        raise UsageError(f"{file}: the file is empty; expected a token")
-    return token
 
 
 def end_on_signals(ros_node: RosNode) -> None:

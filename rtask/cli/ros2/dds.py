@@ -14,6 +14,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtask.cli.options import json_option, print_json
+from rtask.cli.ros.options import (
+    node_name_option,
+    outbox_option,
+    timeout_option,
+    token_file_option,
+    token_of,
+)
 from rtask.cli.ros.schema import engine_schema
 from rtask.errors import CallFailedError, DataError, RemoteUnavailableError, UsageError
 
@@ -49,26 +56,11 @@ domain_option: Callable[..., Any] = click.option(
     "--server", metavar="URL", envvar="RTASK_SERVER", show_envvar=True, required=True,
     help="Server whose operations are offered.",
 )  # fmt: skip
-@click.option(
-    "--token-file",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="File with the robot's token; else RTASK_TOKEN.",
-)
-@click.option("--name", default="rtask_node", show_default=True, help="Name of the node.")
+@token_file_option
+@node_name_option
 @click.option("--namespace", default="/", show_default=True, help="Before all names: /nao1.")
-@click.option(
-    "--outbox",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="File that keeps what could not be sent to the server; it is sent again later.",
-)
-@click.option(
-    "--timeout",
-    "timeout_s",
-    type=click.FloatRange(min=0.1),
-    default=30.0,
-    show_default=True,
-    help="Longest wait for an answer of the server, s.",
-)
+@outbox_option
+@timeout_option
 @domain_option
 def serve(
     server: str,
@@ -86,7 +78,6 @@ def serve(
     refused.
     """
     import rtask
-    from rtask.cli.ros.node import token_of
     from rtask.interop.ros.dds.graph import ChangeFeed, GraphServices
     from rtask.interop.ros.dds.node import DdsNode
     from rtask.interop.ros.dds.types import RosTypes

@@ -9,6 +9,7 @@ import click
 
 from rtask.cli.doctor import Finding, print_findings
 from rtask.cli.options import json_option
+from rtask.cli.ros.options import token_file_option, token_of
 from rtask.cli.ros2.dds import domain_option
 from rtask.cli.ros2.environment import Sourced, examine_environment, examine_packages
 from rtask.cli.ros2.graph import examine_graph, take_survey
@@ -25,11 +26,7 @@ _SERVER_S = 5.0
     "--server", "url", metavar="URL", envvar="RTASK_SERVER", show_envvar=True,
     help="Also look whether this server answers.",
 )  # fmt: skip
-@click.option(
-    "--token-file",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="File with the robot's token; else RTASK_TOKEN.",
-)
+@token_file_option
 @click.option(
     "--wait", "wait_s", default=3.0, show_default=True, type=click.FloatRange(min=0.1),
     help="How long to listen for nodes, s.",
@@ -66,7 +63,6 @@ def _examine(
 
 def _server(url: str, token_file: Path | None) -> Finding:
     import rtask
-    from rtask.cli.ros.node import token_of
 
     try:
         token = token_of(token_file)
