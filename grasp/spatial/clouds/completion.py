@@ -25,7 +25,6 @@ __all__ = [
     "SymmetryGuesses",
     "compare_symmetries",
     "complete_by_symmetry",
-    "find_symmetry",
 ]
 
 
@@ -89,7 +88,7 @@ class SymmetryGuesses:
 
     @property
     def best(self) -> Symmetry | None:
-        """The one that the view contradicts least, if it is plausible."""
+        """The vertical plane or half turn that the view contradicts least, if it is plausible."""
         best = int(np.argmin(self.order))
         if self.against[best] > _PLAUSIBLE_M:
             return None
@@ -132,19 +131,10 @@ def complete_by_symmetry(
     return cloud
 
 
-def find_symmetry(cloud: SurfaceCloud) -> Symmetry | None:
-    """Return the vertical plane or half turn that the view contradicts least, if any is plausible.
-
-    Vertical is along the table's normal: without a table there is no answer.
-    """
-    guesses = compare_symmetries(cloud)
-    return None if guesses is None else guesses.best
-
-
 def compare_symmetries(cloud: SurfaceCloud) -> SymmetryGuesses | None:
     """Return the mirrors and half turns that a view may be completed by, and what it says of them.
 
-    None where there is no table, no camera or too little to see.
+    None where there is no table, no camera or too little to see: vertical is along its normal.
     """
     if cloud.reason or cloud.table is None or len(cloud.viewpoints) == 0:
         return None

@@ -133,6 +133,18 @@ class Vocabulary:
             yield quad.subject, quad.object
 
     def _read(self) -> None:
+        self._read_classes()
+        # What follows reads ranges as sets of all subclasses, so the hierarchy has to be whole by
+        # then.
+        self._close()
+        self._read_disjoint()
+        for node, head in self._quads(_OWL + "unionOf"):
+            self._unions[node] = self._list(head)
+        self._read_properties()
+        self._add_standards()
+        self._read_labels()
+
+    def _read_classes(self) -> None:
         for kind in _CLASSES:
             for quad in self._kb.match(None, RDF_TYPE, kind):
                 self._class(quad.subject)
@@ -144,18 +156,17 @@ class Vocabulary:
         for iri, root in metamodel.KINDS.items():
             self._class(NamedNode(iri))
             self.above[iri].update({root} - {""})
-        # What follows reads ranges as sets of all subclasses, so the hierarchy has to be whole by
-        # then.
-        self._close()
+
+    def _read_disjoint(self) -> None:
         for a, b in self._quads(_OWL + "disjointWith"):
             if isinstance(a, NamedNode) and isinstance(b, NamedNode):
                 self._disjoint.add(frozenset((a.value, b.value)))
         for _, head in self._quads(_OWL + "members"):
             named = [iri for iri in self._list(head) if iri in self.bit]
             self._disjoint.update(map(frozenset, combinations(named, 2)))
-        for node, head in self._quads(_OWL + "unionOf"):
-            self._unions[node] = self._list(head)
-        self._read_properties()
+
+    def _add_standards(self) -> None:
+        """Add what RDF, OWL and the rules say of their own properties, and no graph states."""
         for name in _OF_TERMS:
             self._property(_RDFS + name).relates_things = True
         for name in ("label", "comment"):
@@ -166,6 +177,8 @@ class Vocabulary:
         for iri, ends in (*metamodel.OF_STANDARDS.items(), *metamodel.OF_RULES.items()):
             if iri in self.properties:
                 self._complete(iri, ends)
+
+    def _read_labels(self) -> None:
         for label in (_RDFS + "label", "http://www.w3.org/2004/02/skos/core#altLabel"):
             for term, text in self._quads(label):
                 if not isinstance(term, NamedNode) or not isinstance(text, Literal):

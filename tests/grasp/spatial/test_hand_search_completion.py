@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
-from grasp.spatial.clouds.completion import complete_by_symmetry, find_symmetry
+from grasp.spatial.clouds.completion import compare_symmetries, complete_by_symmetry
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.hand_search.hand_search import propose_from_cloud, propose_on
 
@@ -132,7 +132,7 @@ def test_what_is_guessed_is_trusted_less_than_what_is_seen() -> None:
 def test_without_table_or_camera_nothing_is_guessed() -> None:
     blind = prepare_cloud(half_can(), table=TABLE)
     floating = prepare_cloud(half_can(), viewpoints=CAMERA[None])
-    assert find_symmetry(blind) is find_symmetry(floating) is None
+    assert compare_symmetries(blind) is compare_symmetries(floating) is None
     assert not complete_by_symmetry(blind).completed.any()
     assert not complete_by_symmetry(floating).completed.any()
 
@@ -158,6 +158,8 @@ def test_a_tall_thing_seen_from_straight_above_is_turned_about_its_own_axes() ->
         points, np.tile([0.0, 0, 1], (len(points), 1)), every, every, ~every, 1 / 256,
         np.array([[0.0, 0, 1]]), np.array([0.0, 0, 1, 0.25]),
     )  # fmt: skip
-    found = find_symmetry(cloud)
+    guesses = compare_symmetries(cloud)
+    assert guesses is not None
+    found = guesses.best
     assert found is not None
     assert np.isfinite(found.offset).all()
