@@ -13,7 +13,7 @@ from rtask.tasks.actions import ActionClass, Select
 from rtask.tasks.patterns import Pattern
 from rtask.tasks.planning.problem import Atom
 
-__all__ = ["MAX_FACTS", "Facts", "read_facts"]
+__all__ = ["MAX_FACTS", "Facts", "own_places", "read_facts"]
 
 MAX_FACTS = 200_000
 """Most facts of one predicate."""
@@ -124,3 +124,19 @@ def _members(
 def _chunks(values: Sequence[str]) -> Iterator[Sequence[str]]:
     for at in range(0, len(values), _CHUNK):
         yield values[at : at + _CHUNK]
+
+
+def own_places(
+    select: Select, robots: Iterable[str], places: Iterable[str]
+) -> Iterator[tuple[str, str]]:
+    """Yield each robot with the places that it described itself: those that it stands at."""
+    for part in _chunks(sorted(places)):
+        given = " ".join(str(NamedNode(place)) for place in part)
+        owners = " ".join(str(NamedNode(robot)) for robot in sorted(robots))
+        rows = select(
+            f"{PREFIXES}SELECT DISTINCT ?robot ?place WHERE {{ VALUES ?robot {{ {owners} }} "
+            f"VALUES ?place {{ {given} }} ?graph rt:graphOwner ?robot "
+            "GRAPH ?graph { ?place a ?kind } }"
+        )
+        for row in rows:
+            yield str(row.value("robot")), str(row.value("place"))

@@ -12,7 +12,7 @@ import ontology
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES, local_name
 from rtask.tasks.actions import ActionClass, IsOntology, Select, read_actions
-from rtask.tasks.facts import read_facts
+from rtask.tasks.facts import own_places, read_facts
 from rtask.tasks.goals import (
     LOCATED,
     Aim,
@@ -192,6 +192,7 @@ def _read(
         tuple(_action(action, experience) for action in actions),
         facts.atoms,
         tuple(dict.fromkeys(item.goal for item in all_targets)),
+        likelier=frozenset(_likelier(select, actions, objects)),
     )
     text = goal_text(given)
     settled = (
@@ -258,6 +259,21 @@ def _mendable(select: Select, actions: Sequence[ActionClass]) -> dict[str, float
         for pattern in action.preconditions
         for iri in pattern.properties & costs.keys()
     }
+
+
+def _likelier(
+    select: Select, actions: Sequence[ActionClass], objects: Mapping[str, tuple[str, ...]]
+) -> Iterator[Atom]:
+    """Yield that robots reach what they described: that is at hand, others' tables may be far."""
+    patterns = {
+        pattern.predicate: tuple(dict(action.parameters)[name] for name in pattern.arguments)
+        for action in actions
+        for pattern in action.preconditions
+        if ASSUMABLE in pattern.properties and len(pattern.arguments) == 2
+    }
+    for predicate, (robots, places) in patterns.items():
+        for pair in own_places(select, objects.get(robots, ()), objects.get(places, ())):
+            yield predicate, *pair
 
 
 def _with_assumptions(

@@ -62,7 +62,8 @@ class Problem:
 
     ``failure_cost_s`` is what a failed step costs, s: a step of duration *d* and chance *p*
     costs ``d - failure_cost_s * log(p)``. ``workers`` are the objects that do one step at a time
-    and work beside each other, so that steps are shared out among them.
+    and work beside each other, so that steps are shared out among them. Where a fact has to be
+    assumed, ``likelier`` ones are before others of their predicate.
     """
 
     objects: Mapping[str, tuple[str, ...]]
@@ -71,6 +72,7 @@ class Problem:
     goals: tuple[Goal, ...]
     failure_cost_s: float = 60.0
     workers: frozenset[str] = frozenset()
+    likelier: frozenset[Atom] = frozenset()
 
     @property
     def fluents(self) -> frozenset[str]:

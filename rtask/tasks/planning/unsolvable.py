@@ -17,6 +17,9 @@ __all__ = ["Obstacle", "explain_unsolvable"]
 _MAX_OBJECTS = 40
 """A parameter with more objects is narrowed to those that the goal names, to bound the search."""
 
+_LIKELIER = 0.9
+"""Cost of a likelier fact, as a share of that of others: it decides between remedies as dear."""
+
 
 @dataclass(frozen=True)
 class Obstacle:
@@ -97,7 +100,8 @@ def _obstacle(problem: Problem, goal: Goal, mendable: Mapping[str, float]) -> Ob
         # A hand is no place to put things into: no statement that a robot reaches it would help.
         is_reach = str(RT.reaches) in atom[0] and atom[-1] in hands
         if atom[0] in mendable and atom not in problem.facts and not is_reach:
-            queue.append((mendable[atom[0]], next(order), atom, -1))
+            share = _LIKELIER if atom in problem.likelier else 1.0
+            queue.append((share * mendable[atom[0]], next(order), atom, -1))
     heapq.heapify(queue)
     causes: dict[Atom, int] = {}
     alternatives = frozenset(goal)

@@ -11,7 +11,7 @@ import rtask
 from rtask.errors import RtaskError
 from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
-from rtask.rdf.namespaces import PREFIXES
+from rtask.rdf.namespaces import PREFIXES, RT
 from rtask.tasks.queue.claiming import claim_step
 from tests.rtask.tasks.conftest import BASE, LAB, LEFT, NAO, PANDA, PEN, RIGHT, TABLE, placed, robot
 
@@ -59,6 +59,18 @@ def test_measures_that_nobody_knows_are_named_together(lab: KnowledgeBase) -> No
     assert "state rt:graspWidth and rt:mass of its product" in refusal.text
     insert(lab, f"<{BASE}object/6> rt:graspWidth 0.05e0 ; rt:mass 0.3e0 .")
     assert lab.tasks.plan("vase to the right box").is_complete
+
+
+def test_whoever_described_a_place_is_the_first_of_whom_it_is_asked_whether_it_reaches_it(
+    lab: KnowledgeBase,
+) -> None:
+    shelf = f"{BASE}place/shelf"
+    text = f'<{shelf}> a rt:SupportSurface ; rt:name "shelf" .'
+    lab.update(f"{PREFIXES} INSERT DATA {{ {text} }}", agent="panda-1")
+    (refusal,) = lab.tasks.plan("pen to the shelf").refusals
+    assert refusal.missing == ((PANDA, RT.reaches.value, shelf),)
+    assumed = lab.tasks.plan("pen to the shelf", assume_reach=True)
+    assert assumed.assumptions == ("panda-1 reaches shelf",)
 
 
 def test_no_robot_is_said_to_reach_the_hand_of_another(lab: KnowledgeBase) -> None:
