@@ -83,6 +83,7 @@ __all__ = [
     "SimilarObjects",
     "StatedFrame",
     "StatedPlace",
+    "StatedReach",
     "StepAnswer",
     "StepTimes",
     "StoredPlan",
@@ -106,6 +107,7 @@ REPEATABLE = frozenset(
         "resolve_request",
         "where_is",
         "state_place",
+        "state_reach",
         "report_sightings",
         "trace_thing",
         "show_world",
@@ -862,6 +864,14 @@ class Located(TypedDict):
 class StatedPlace(TypedDict):
     """The commit, which can be undone."""
 
+    commit: str
+
+
+class StatedReach(TypedDict):
+    """What was stated, and the commit, which can be undone."""
+
+    robot: str
+    place: str
     commit: str
 
 
@@ -1829,6 +1839,30 @@ class Calls(ABC):
             in whose name; default: the caller
         """
         answer: StatedPlace = self._operate("state_place", locals())
+        return answer
+
+    def state_reach(
+        self,
+        *,
+        place: str,
+        robot: str | None = None,
+        withdrawn: bool | None = None,
+        agent: str | None = None,
+    ) -> StatedReach:
+        """State that a robot reaches a table or box.
+
+        Parameters
+        ----------
+        place
+            IRI of the table or box, or its name: that of the robot itself before those of others
+        robot
+            name or IRI of the robot; default: the caller
+        withdrawn
+            whether the caller takes back that it has stated this; default: False
+        agent
+            in whose name; default: the caller
+        """
+        answer: StatedReach = self._operate("state_reach", locals())
         return answer
 
     def report_sightings(

@@ -159,6 +159,7 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
     call("answer_question", {"question": question["question"], "choice": 1})
     call("claim_step", {"robot": "urn:lab/robot/panda-1"})
     call("state_place", {"thing": "urn:lab/thing/1", "place": "urn:lab/robot/panda-1/hand"})
+    call("state_reach", {"robot": "urn:lab/robot/panda-1", "place": "left box"})
     pose = {"position": dict.fromkeys("xyz", 0.5), "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
     for more in ({"frame": "map"}, {"frame": "table", "parent": "map", "pose": pose}):
         call("state_frame", more)

@@ -22,6 +22,7 @@ from endpoint.pages.signin import require_form
 from rtask.engine.operations.tasks.plan import StorePlan
 from rtask.errors import RtaskError
 from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.namespaces import RT
 from rtask.wire.forms import read_form
 
 __all__ = ["plan"]
@@ -38,7 +39,7 @@ def plan() -> Model:
     model: Model = {
         "goal": goal, "assume_reach": assume_reach, "plan": None, "problem": "",
         "task": given.get("task", ""), "commit": given.get("commit", ""), "examples": [],
-        "has_looked": False, "proposals": [],
+        "has_looked": False, "proposals": [], "reaches": RT.reaches.value,
     }  # fmt: skip
     access = context().auth.identify(current_request()).access
     if goal:

@@ -32,6 +32,7 @@ from rtask.engine.operations.tasks.queue import cancel_plan, claim_step, end_ste
 from rtask.engine.operations.tasks.why import explain_failure
 from rtask.engine.operations.teach import teach_object
 from rtask.engine.operations.world.frames import locate_frame, state_frame
+from rtask.engine.operations.world.reach import state_reach
 from rtask.engine.operations.world.scene import show_world
 from rtask.engine.operations.world.sightings import report_sightings
 from rtask.engine.operations.world.state import state_place
@@ -53,6 +54,7 @@ _ALL: tuple[Operation[Any, Any], ...] = (
     resolve_request,
     where_is,
     state_place,
+    state_reach,
     report_sightings,
     trace_thing,
     show_world,

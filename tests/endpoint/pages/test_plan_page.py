@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 from collections.abc import Iterator
 
@@ -88,6 +89,16 @@ def test_what_is_not_possible_or_not_understood_is_said_on_the_page(site: Site) 
     assert "the nearest names are jug" in page(ann, goal="the jugg into the left box")
     assert "every cup into the left box" in page(ann)
     assert "<script>" not in page(ann, goal="every <script> into the left <script>")
+
+
+def test_what_may_only_not_be_known_is_a_way_to_state_it(site: Site) -> None:
+    ann = site.signed_in("ann")
+    shown = page(ann, goal="the jug into the left box")
+    (address,) = re.findall(r'href="(/operations/state_reach[^"]*)">State that panda-1', shown)
+    form = ann.get(html.unescape(address), base_url=HOST, headers={"Accept": "text/html"}).text
+    assert f'value="{BASE}robot/panda-1"' in form
+    assert f'value="{BASE}place/left"' in form
+    assert "State that" not in page(ann, **GOAL), "nothing is missing there"
 
 
 def test_robots_see_plans_and_strangers_do_not(site: Site) -> None:

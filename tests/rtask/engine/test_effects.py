@@ -105,6 +105,7 @@ def test_what_reads_commits_nothing_and_what_records_or_writes_commits(kb, spied
     assert call("explain_failure", nao, subject=plan["task"])["step"] == step["task"]
     call("state_place", TEACHER, thing="urn:cup", lost=True)
     call("state_place", TEACHER, thing="urn:cup", place="urn:shelf")
+    call("state_reach", nao, place="urn:shelf")
     for name in ("map", "table"):
         call("state_frame", TEACHER, frame=name)
     assert call("locate_frame", nao, frame="table")["known"]

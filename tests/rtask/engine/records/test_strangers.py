@@ -361,6 +361,8 @@ def test_a_second_outcome_of_a_task_that_disagrees_is_a_conflict(bench, robots):
         ("claim_step", {"robot": "nao-1"}),
         ("end_step", {"robot": "nao-1", "task": "urn:t", "result": "done"}),
         ("state_place", {"agent": "nao-1", "thing": "urn:x", "lost": True}),
+        ("state_reach", {"robot": "nao-1", "place": "table"}),
+        ("state_reach", {"agent": "nao-1", "place": "table"}),
         ("report_sightings", {"agent": "nao-1", "frame": "table"}),
         ("state_frame", {"agent": "nao-1", "frame": "table", "lost": True}),
         ("store_plan", {"agent": "nao-1", "goal": "every pen into the left box"}),
