@@ -141,18 +141,19 @@ def _search(
     stages: dict[Goal, int] = {}
     for target in task.targets:
         stages.setdefault(target.goal, target.aim.stage)
-    facts, steps, ends = problem.facts, list[Step](), list[int]()
+    facts, steps, ends = set(problem.facts), list[Step](), list[int]()
     for stage in sorted({stages[goal] for goal in problem.goals}):
         # What an earlier stage has reached is to hold at the end of this one as well.
         goals = tuple(goal for goal in problem.goals if stages[goal] <= stage)
         plan = find_plan(
-            replace(problem, facts=facts, goals=goals), max_states=max_states,
+            replace(problem, facts=frozenset(facts), goals=goals), max_states=max_states,
             require_time=require_time,
         )  # fmt: skip
         if plan is None:
             return None
         for step in plan.steps:
-            facts = (facts - set(step.deletes)) | set(step.adds)
+            facts.difference_update(step.deletes)
+            facts.update(step.adds)
         steps += plan.steps
         ends.append(len(steps))
     return _Sequence(tuple(steps), tuple(ends))
