@@ -28,49 +28,20 @@ from simulate.motion.collision import Obstacle
 from simulate.tasks.arms.bench import OTHER_ROBOT, Station
 from simulate.tasks.arms.bystanders import Bystanders
 from simulate.tasks.arms.resuming import is_away, resumed
+from simulate.tasks.arms.sightings import Sighting, disambiguated, known_by_size, size_of
 from simulate.tasks.arms.station_body import RobotAtBench
 from simulate.tasks.arms.visibility import is_seen_through
 from simulate.tasks.body import Attempted, Deed
 from simulate.tasks.executor import Graph
 from simulate.world.seeds import mix_seed
 
-__all__ = ["ArmBody", "Sighting"]
+__all__ = ["ArmBody"]
 
 _MAX_PLANS = 10
 _TURNED = 2
 """Spots at which a thing is turned for the next robot, and directions tried there: each is work."""
 _RESEMBLES = 0.35
 """Half of what the graph accepts: enough to know again what is expected to be there."""
-_SAME_SIZE = 0.35
-"""Of a thing that lies another way than it stood, a camera sees its sizes by so much otherwise."""
-
-
-@dataclass(frozen=True)
-class Sighting:
-    """A thing as it was seen in an area.
-
-    Parameters
-    ----------
-    seen, view
-        The thing, and the view that shows it.
-    object
-        IRI of its product; empty if it was not recognised.
-    observation
-        The view of it as a message.
-    likeness
-        Confidence that it is of this product, above 1 if the graph accepts it as that.
-    """
-
-    seen: Seen
-    view: View
-    object: str
-    observation: dict[str, Any]
-    likeness: float = 0.0
-
-    @property
-    def is_accepted(self) -> bool:
-        """Whether the graph is sure of its product."""
-        return self.likeness > 1
 
 
 @dataclass(frozen=True)
@@ -125,6 +96,11 @@ class ArmBody:
         layout = station.bench.layout
         self._tables = [at for at, name in places.items() if not layout.area(name).is_box]
         self._bystanders = Bystanders(self, graph, self._tables)
+
+    def restarted(self) -> ArmBody:
+        """Return the robot as another program finds it that knows nothing of what this one did."""
+        return ArmBody(self.robot.station, self.graph, self._arms, self._places, self._seed,
+                       self._shown)  # fmt: skip
 
     @property
     def hands(self) -> Mapping[str, str]:
@@ -226,7 +202,7 @@ class ArmBody:
         moment, key = self.robot.world.moment, (place, number)
         if key not in self._seen or self._seen[key][0] != moment:
             view, inside = self.robot.look_at(self._shown[place], number)
-            sightings = _disambiguated([self._recognise(seen, view) for seen in inside])
+            sightings = disambiguated([self._recognise(seen, view) for seen in inside])
             self._seen[key] = moment, sightings, view
         return self._seen[key][1]
 
@@ -381,18 +357,32 @@ class ArmBody:
     def _sight(self, item: str, place: str, number: int = 0) -> Sighting | None:
         """Return the thing if it is seen in an area.
 
-        What has fallen over shows a side that the graph may not know: then it is the only thing in
-        the area that is nothing else, if it has the size that this robot saw of it.
+        What has fallen over, or was put down by a person, shows a side that the graph may not know:
+        then it is the only thing that is nothing else, if it has the size of it.
         """
         product, there = self.product(item), self.look(place, number)
         sighting = next((seen for seen in there if seen.object == product), None)
-        if sighting is None and item in self._sizes:
-            strangers = [seen for seen in there if not seen.object]
-            alike = [seen for seen in strangers if _is_alike(seen, self._sizes[item])]
-            sighting = alike[0] if len(alike) == len(strangers) == 1 else None
+        size = self._size(item)
+        if sighting is None and size and any(not seen.object for seen in there):
+            sighting = known_by_size(there, size, self._missing(item, place, there))
         if sighting is not None:
-            self._sizes.setdefault(item, _size(sighting))
+            self._sizes[item] = size or size_of(sighting)
         return sighting
+
+    def _size(self, item: str) -> list[float]:
+        """Return the sizes of a thing as it was first seen by any robot; none if unknown."""
+        if not self._sizes.get(item):
+            rows = self.graph.query(_SIZE % item)
+            self._sizes[item] = sorted(float(str(v)) for v in rows[0].values()) if rows else []
+        return self._sizes[item]
+
+    def _missing(self, item: str, place: str, there: list[Sighting]) -> list[list[float]]:
+        """Return the sizes of other things that the graph has in an area, and a view does not."""
+        shown = {seen.object for seen in there}
+        others = (str(row["thing"]) for row in self.graph.query(_THINGS % place))
+        missing = (other for other in others
+                   if other != item and self.product(other) not in shown)  # fmt: skip
+        return [size for other in missing if (size := self._size(other))]
 
     def product(self, item: str) -> str:
         """Return the IRI of the product of a thing; empty if the graph has none."""
@@ -465,27 +455,12 @@ def _nowhere(observation: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in observation.items() if name != "frame_id"}
 
 
-def _disambiguated(sightings: list[Sighting]) -> list[Sighting]:
-    """Return what one view shows, where of things that resemble a product only the likest is it.
-
-    A can beside a box that resembles this can would else be picked up as the can, or the box would.
-    """
-    best = {s.object: s for s in sorted(sightings, key=lambda s: s.likeness)}
-    return [s if s.is_accepted or s is best[s.object] else replace(s, object="") for s in sightings]
-
-
-def _size(sighting: Sighting) -> list[float]:
-    """Return the sizes of a thing as it was seen, m, the smallest first."""
-    shape = sighting.seen.shape
-    return sorted((shape.length, shape.width, shape.height))
-
-
-def _is_alike(sighting: Sighting, size: list[float]) -> bool:
-    ratios = np.array(_size(sighting)) / size
-    return bool(np.all(np.abs(ratios - 1) < _SAME_SIZE))
-
-
 _IN_HAND = f"""{PREFIXES}
 SELECT ?thing WHERE {{ ?thing a rt:Exemplar ; rt:locatedOn <%s> }} LIMIT 1"""
 _PRODUCT = f"""{PREFIXES}
 SELECT ?product WHERE {{ <%s> rt:exemplarOf ?product . ?product rt:objectId ?id }} LIMIT 1"""
+_SIZE = f"""{PREFIXES}
+SELECT ?x ?y ?z WHERE {{
+  <%s> rt:exemplarOf ?product . ?product rt:extentX ?x ; rt:extentY ?y ; rt:extentZ ?z }} LIMIT 1"""
+_THINGS = f"""{PREFIXES}
+SELECT DISTINCT ?thing WHERE {{ ?thing a rt:Exemplar ; rt:locatedOn <%s> }} ORDER BY ?thing"""

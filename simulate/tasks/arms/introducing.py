@@ -14,7 +14,8 @@ from urllib.parse import quote
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import literal
 from simulate.tasks.arms.bench import Bench, Station
-from simulate.tasks.arms.body import ArmBody, Sighting
+from simulate.tasks.arms.body import ArmBody
+from simulate.tasks.arms.sightings import Sighting
 from simulate.tasks.executor import Graph
 from simulate.world.seeds import mix_seed
 

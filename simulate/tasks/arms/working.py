@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.scratch import ScratchFolder
 from simulate.robots import check_robot
+from simulate.tasks.actions import TaskAction
 from simulate.tasks.arms.bench import Bench, Layout
 from simulate.tasks.arms.body import ArmBody
 from simulate.tasks.arms.introducing import Introduced, Planner, introduce, survey
@@ -101,12 +102,22 @@ class WholeCrew:
         tell: Callable[[str, Turn], None] = lambda robot, turn: None,
         may: Callable[[str], bool] = lambda text: True,
         agent: str | None = None,
+        actions: Mapping[str, TaskAction] | None = None,
     ) -> list[Ended]:
         """Carry out all open plans; see :class:`simulate.tasks.crew.Crew`."""
         robots = {
-            iri: Executor(self.planner, body, iri, may=may) for iri, body in self.bodies.items()
+            iri: Executor(self.planner, body, iri, may=may, actions=actions)
+            for iri, body in self.bodies.items()
         }
         return Crew(self.planner, robots, tell, agent, repair_s=self.repair_s).work()
+
+    def restart(self, killed: ArmBody) -> None:
+        """Let another program take over a robot whose own was killed, with its arms as they are."""
+        self.introduced = [
+            replace(crew, bodies={iri: body.restarted() if body is killed else body
+                                  for iri, body in crew.bodies.items()})
+            for crew in self.introduced
+        ]  # fmt: skip
 
     def truths(self) -> list[Truth]:
         """Return where each thing is, in the graph and in the physics, of the known products."""
