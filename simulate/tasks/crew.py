@@ -153,7 +153,7 @@ class Crew:
             self._rearranging.note_helped(plan["task"])
         if plan["state"] in ("failed", "declined", "late") or plan["task"] in stuck:
             self._cancel(plan, "the thing could not be moved")
-            self._rearranging.note_unhelped(plan["task"])
+            self._rearranging.note_unhelped(plan)
 
     def _cancel(self, plan: Mapping[str, Any], reason: str) -> None:
         self.planner.call("cancel_plan", plan=plan["task"], reason=reason[:1000])

@@ -179,9 +179,15 @@ class Rearranging:
         self._times_helped[self.helping.pop(plan)] += 1
         self.helped.add(plan)
 
-    def note_unhelped(self, plan: str) -> None:
-        """Note that a plan that only moves something failed: what is beside that is next to go."""
-        self._unmoved.add(self.helping.pop(plan))
+    def note_unhelped(self, plan: Mapping[str, Any]) -> None:
+        """Note that a plan that only moves something failed.
+
+        Where it found no way either, what is beside that is next to go. What it missed or let slip,
+        it may hold the next time.
+        """
+        item, step = self.helping.pop(plan["task"]), _failed(plan)
+        if not step or _is_no_way(step["comment"]):
+            self._unmoved.add(item)
 
     def _contents_of(self, place: str) -> list[str]:
         return [str(row["thing"]) for row in self.planner.query(_CONTENTS % place)]

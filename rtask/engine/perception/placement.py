@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from features.tabletop import TabletopShape
     from rtask.engine.observation import Observation
 
-__all__ = ["MAX_TILT", "Placement", "classify_shape", "footprint_of", "oriented", "place"]
+__all__ = [
+    "MAX_TILT", "Placement", "classify_shape", "footprint_of", "is_lying", "oriented", "place",
+]  # fmt: skip
 
 MAX_TILT = np.deg2rad(20)
 """Largest angle to the vertical at which an object counts as upright, rad."""
@@ -29,6 +31,9 @@ MAX_TILT = np.deg2rad(20)
 MAX_SHIFT_M = 0.02
 _SNAP = np.deg2rad(15)
 MIN_M = 0.002
+_LOWER, _LONG, _SLENDER = 0.7, 0.7, 1.4
+"""Shares of its height up to which a lying thing is high and from which it is long, and how much
+longer than wide a thing is at least that is taken for a lying one."""
 _PEN_M, _BAR_M = 0.023, 0.03
 """Below which a long thing is called a pen, and a bar, m."""
 
@@ -114,6 +119,24 @@ def place(
     if heading is not None and np.cos(yaw - heading) < 0:
         yaw = wrap_2pi(yaw + np.pi)
     return Placement(_turned(upright, yaw), is_round=False, is_verified=is_first)
+
+
+def is_lying(shape: TabletopShape, size: tuple[float, float, float] | None) -> bool:
+    """Return whether a thing that is stored standing lies on its side now.
+
+    Parameters
+    ----------
+    shape
+        As it is measured now.
+    size
+        Extents (x, y, z) with which it is stored, m; z is its height.
+    """
+    if size is None:
+        return False
+    height, (width, length) = size[2], sorted((float(shape.width), float(shape.length)))
+    was_slender = height > _SLENDER * max(size[:2])
+    is_slender = length > _SLENDER * width and length > _LONG * height
+    return was_slender and is_slender and float(shape.height) < _LOWER * height
 
 
 def oriented(placement: Placement, matched: NDArray[np.float64]) -> Placement:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rtask.engine.observation import Observation
 from rtask.engine.perception.observation import stored_frame
-from rtask.engine.perception.placement import Placement, oriented, place
+from rtask.engine.perception.placement import Placement, is_lying, oriented, place
 from rtask.engine.perception.surroundings import surrounded
 from rtask.rdf.terms import NamedNode, iri
 
@@ -91,8 +91,12 @@ def locate(
     """
     if recognised is None:
         return place(seen), None
+    # A bottle that fell over is round no longer from above: as a circle as wide as it is long it
+    # would fit into no hand.
+    lies = seen.shape is not None and is_lying(seen.shape, recognised.size)
+    is_round = recognised.is_round and not lies
     if seen.object_pose is not None:
-        given, placement = _given(seen, seen.object_pose), place(seen, recognised.is_round)
+        given, placement = _given(seen, seen.object_pose), place(seen, is_round)
         return (placement and oriented(placement, given.frame_from_object)), given
     match: Match | None = next(
         (m for m in recognition.matches if m.object_iri == recognised.iri), None
@@ -101,7 +105,7 @@ def locate(
     if match is not None and match.query_from_view is not None:
         query_from_view = np.asarray(match.query_from_view, dtype=np.float64)
         viewpoint = memory.viewpoints.get(match.view_iri)
-    placement = place(seen, recognised.is_round, query_from_view, viewpoint, heading)
+    placement = place(seen, is_round, query_from_view, viewpoint, heading)
     pose = find_pose(models, seen, recognised, match, memory, placement)
     if placement is not None and pose is not None and pose.accepted:
         placement = oriented(placement, pose.frame_from_object)

@@ -48,6 +48,34 @@ def test_what_a_robot_finds_no_way_to_another_one_moves(world, needs, result, mo
     assert world.planner.call("list_plans")["plans"] == []
 
 
+class Missing:
+    """A robot that misses what it first picks up from the table, to move it for another one."""
+
+    def __init__(self, robot, reason):
+        self._robot, self._reason, self._missed = robot, reason, 0
+
+    def __getattr__(self, name):
+        return getattr(self._robot, name)
+
+    def pick(self, item, place, hand):
+        if place == TABLE and not self._missed:
+            self._missed += 1
+            return Deed(False, self._reason, was_tried=self._reason == "missed")
+        return self._robot.pick(item, place, hand)
+
+
+@pytest.mark.parametrize(("reason", "result"), [("missed", "reached"), ("ik", "given_up")])
+def test_a_robot_that_missed_what_it_was_to_move_tries_again_and_one_without_a_way_does_not(
+    world, reason, result
+):
+    world.store()
+    crew = world.crew()
+    crew.robots[NAO].body = Clumsy(world.lab.robot(NAO), 2)
+    crew.robots[PANDA].body = Missing(world.lab.robot(PANDA), reason)
+    (ended,) = crew.work()
+    assert ended.result == result
+
+
 class Hemmed:
     """A robot that finds no way to a thing, or no room for it, while the pen stands beside it."""
 
