@@ -149,15 +149,23 @@ class GraspPlanner:
             reason = max(reason, planned, key=REASONS.index) if reason != "ik" else planned
         return reason
 
-    def gets_to(self, arm: str, request: GraspRequest, seed: int) -> bool:
-        """Return whether an arm has a posture for a grasp of something that stands alone.
+    def gets_to(
+        self, arm: str, request: GraspRequest, seed: int, beside: Sequence[Obstacle] = ()
+    ) -> bool:
+        """Return whether an arm has a posture for a grasp of something.
 
         The ways there and back are not planned, which is most of the work of :meth:`plan`.
+
+        Parameters
+        ----------
+        beside
+            What stands around it, base frame.
         """
         parts = self.robot.arm(arm)
         if request.width > parts.mouth:
             return False
-        around = self.space.surroundings(arm, request.table_height, [target_obstacle(request)])
+        solids = [target_obstacle(request), *beside]
+        around = self.space.surroundings(arm, request.table_height, solids)
         steepest = rules_for(parts).largest_tilt(request)
         return any(
             not candidate.collides and candidate.tilt <= steepest

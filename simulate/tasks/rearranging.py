@@ -25,8 +25,8 @@ __all__ = ["Rearranging"]
 _BEFORE_HELP, _BEFORE_END = 2, 4
 """Failures to find a way before another robot is to help, with nothing taken away there in between,
 and before the goal ends, with nothing done anywhere in between."""
-_MAX_MOVES = 3
-"""How often a thing is moved for that."""
+_MAX_MOVES = 4
+"""How often something is moved for a thing."""
 
 
 _Failure = tuple[str, str, str, bool]
@@ -58,6 +58,8 @@ class Rearranging:
     _moves: Counter[str] = field(default_factory=Counter)
     """Plans stored for a thing, which bound what is tried, and those of them carried out."""
     _times_helped: Counter[str] = field(default_factory=Counter)
+    _moved_itself: Counter[str] = field(default_factory=Counter)
+    """Those of the plans that move the thing and not what is beside it."""
     _borrowed: dict[str, tuple[str, str]] = field(default_factory=dict)
     """Where things belong that stand elsewhere only for a while, and for which goal; by IRI."""
     _unmoved: set[str] = field(default_factory=set)
@@ -98,11 +100,15 @@ class Rearranging:
         self._blocked[failure] += 1
         if self._blocked[failure] < _BEFORE_HELP or self._moves[item] >= _MAX_MOVES:
             return False
-        is_stuck = is_full or item in self._unmoved
-        if not is_stuck and self._store_move(plan, item, item, place, robot):
+        may_move = not (is_full or item in self._unmoved)
+        # By turns: where every spot is beside something, the thing itself could be moved for ever.
+        is_next = self._moves[item] >= 2 * self._moved_itself[item]
+        if may_move and is_next and self._move_itself(plan, item, place, robot):
             return True
         beside = [other for other in self._contents_of(place) if other != item]
         if any(self._store_move(plan, item, other, place) for other in beside):
+            return True
+        if may_move and not is_next and self._move_itself(plan, item, place, robot):
             return True
         # A robot that is alone gets back what it puts aside; nobody asked for it to be there.
         for other in beside:
@@ -110,6 +116,11 @@ class Rearranging:
                 self._borrowed[other] = place, plan["settled"] or plan["goal"]
                 return True
         return False
+
+    def _move_itself(self, plan: Mapping[str, Any], item: str, place: str, robot: str) -> bool:
+        is_stored = self._store_move(plan, item, item, place, robot)
+        self._moved_itself[item] += is_stored
+        return is_stored
 
     def bring_back(self) -> bool:
         """Store plans by which things that only were in the way come back; tell if there is one.

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from features.geometry import FloatArray
 from rtask.errors import UsageError
 from simulate.grasping.executor import Executor, GraspRequest
 from simulate.motion.collision import Obstacle, body_obstacles
@@ -34,7 +35,7 @@ from simulate.world.robot_body import RobotBody
 from simulate.world.scene import PlacedObject, Placement, lay
 from simulate.world.world import PlaceBox, World, box_message, surface_message
 
-__all__ = ["OTHER_ROBOT", "Area", "Bench", "Layout", "Post", "Station"]
+__all__ = ["OTHER_ROBOT", "Area", "Bench", "Layout", "Post", "Station", "moved_obstacle"]
 
 
 @dataclass(frozen=True)
@@ -273,7 +274,10 @@ class Station:
         low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
         return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
 
-    def gets_to(self, arm: str, at: Floats, request: GraspRequest, angle: float) -> bool:
+    def gets_to(
+        self, arm: str, at: Floats, request: GraspRequest, angle: float,
+        beside: Sequence[Obstacle] = (),
+    ) -> bool:  # fmt: skip
         """Return whether an arm gets its hand around something that another robot holds now.
 
         Parameters
@@ -284,6 +288,8 @@ class Station:
             The grasp by which it is held.
         angle
             Closing direction about the vertical, rad, frame of the bench.
+        beside
+            What stands around it, frame of the bench.
         """
         base_from_world = np.linalg.inv(self.world_from_base)
         x, y = (base_from_world @ at)[:2]
@@ -293,7 +299,8 @@ class Station:
             length=request.length, round=request.round, arm=arm, only_theta=True,
             table_height=self.description.workplace.table_height,
         )  # fmt: skip
-        return self.executor.planner.gets_to(arm, asked, _ASKED_SEED)
+        there = [moved_obstacle(obstacle, base_from_world) for obstacle in beside]
+        return self.executor.planner.gets_to(arm, asked, _ASKED_SEED, there)
 
     def others(self) -> list[Obstacle]:
         """Return the other robots as they stand now, base frame of this one.
@@ -302,9 +309,10 @@ class Station:
         """
         base_from_world = np.linalg.inv(self.world_from_base)
         return [
-            _moved(obstacle, base_from_world @ other.world_from_base)
+            moved_obstacle(replace(obstacle, name=OTHER_ROBOT), pose)
             for other in self.bench.stations.values()
             if other is not self
+            for pose in [base_from_world @ other.world_from_base]
             for obstacle in other.solids()
         ]
 
@@ -326,10 +334,10 @@ class Station:
         return solids
 
 
-def _moved(obstacle: Obstacle, pose: Floats) -> Obstacle:
+def moved_obstacle(obstacle: Obstacle, pose: FloatArray) -> Obstacle:
+    """Return an obstacle in another frame, given the pose (4, 4) of its frame in that, m."""
     centre = pose[:3, :3] @ obstacle.centre + pose[:3, 3]
-    rotation = pose[:3, :3] @ obstacle.rotation
-    return replace(obstacle, name=OTHER_ROBOT, centre=centre, rotation=rotation)
+    return replace(obstacle, centre=centre, rotation=pose[:3, :3] @ obstacle.rotation)
 
 
 OTHER_ROBOT = "other robot"

@@ -275,12 +275,11 @@ class ArmBody:
             run.put_back()
             return "place_plan"
         used.append(spots[0])
-        there = [Obstacle.around("neighbour", seen.points.astype(np.float64), request.table_height)
-                 for seen in view.perceived.objects]  # fmt: skip
+        there = self.robot.beside(view.perceived, request)
         run.plan = replace(run.plan, obstacles=(*run.plan.obstacles, *there))
         turned = () if request.round else spots[:_TURNED]
         closings = tuple(
-            self.robot.ways(area, spot, request)[:_TURNED] if spot in turned else ()
+            self.robot.ways(area, spot, request, there)[:_TURNED] if spot in turned else ()
             for spot in spots
         )
         return run.place_within(*self.robot.station.ranges(area), spots, closings)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +12,9 @@ from features.perception import Ignored, Perceived, Seen, perceive
 from simulate.agent.second_look import View
 from simulate.agent.simulated_body import RobotAtTable
 from simulate.grasping.executor import GraspRequest, PlannedGrasp
+from simulate.motion.collision import Obstacle
 from simulate.robots.description import Floats
-from simulate.tasks.arms.bench import Station
+from simulate.tasks.arms.bench import Station, moved_obstacle
 
 __all__ = ["RobotAtBench"]
 
@@ -144,14 +145,35 @@ class RobotAtBench(RobotAtTable):
         free = [k for k in order if room[k] > size / 2 + _GAP_M]
         chosen = [(float(spots[k][0]), float(spots[k][1])) for k in free]
         if request is not None:
-            ways = {spot: len(self.ways(area, spot, request)) for spot in chosen[:_COMPARED]}
+            ways = self._compared(area, chosen, request, self.beside(view, request))
             chosen.sort(key=lambda spot: -ways.get(spot, 0))
         chosen.sort(key=lambda spot: any(np.hypot(*np.subtract(spot, u)) < _SAME_M for u in used))
         return tuple(chosen[:_SPOTS])
 
+    def beside(self, view: Perceived, request: GraspRequest) -> tuple[Obstacle, ...]:
+        """Return what a view shows as obstacles, base frame."""
+        floor = request.table_height
+        return tuple(
+            Obstacle.around("neighbour", seen.points.astype(np.float64), floor)
+            for seen in view.objects
+        )
+
+    def _compared(
+        self, area: str, spots: Sequence[tuple[float, float]], request: GraspRequest,
+        beside: Sequence[Obstacle],
+    ) -> dict[tuple[float, float], int]:  # fmt: skip
+        """Return the number of ways to the freest spots, and to others where these have none."""
+        ways: dict[tuple[float, float], int] = {}
+        for spot in spots:
+            if len(ways) >= _COMPARED and any(ways.values()):
+                break
+            ways[spot] = len(self.ways(area, spot, request, beside))
+        return ways
+
     def ways(
-        self, area: str, spot: tuple[float, float], request: GraspRequest
-    ) -> tuple[float, ...]:
+        self, area: str, spot: tuple[float, float], request: GraspRequest,
+        beside: Sequence[Obstacle] = (),
+    ) -> tuple[float, ...]:  # fmt: skip
         """Return closing directions by which all robots of an area get to a thing at a spot.
 
         Robots at one table know how the others are built, and where these stand. There are none in
@@ -163,20 +185,24 @@ class RobotAtBench(RobotAtTable):
             (x, y) m, base frame.
         request
             The grasp that holds the thing now.
+        beside
+            What stands there, base frame: a hand needs room beside it.
 
         Returns
         -------
         tuple of float
             About the vertical, rad, base frame.
         """
-        key = (area, spot, request.width, request.height, request.length, request.round)
+        stands = tuple(np.round(obstacle.centre, 3).tobytes() for obstacle in beside)
+        key = (area, spot, request.width, request.height, request.length, request.round, stands)
         if key not in self._ways:
-            self._ways[key] = self._find_ways(area, spot, request)
+            self._ways[key] = self._find_ways(area, spot, request, beside)
         return self._ways[key]
 
     def _find_ways(
-        self, area: str, spot: tuple[float, float], request: GraspRequest
-    ) -> tuple[float, ...]:
+        self, area: str, spot: tuple[float, float], request: GraspRequest,
+        beside: Sequence[Obstacle],
+    ) -> tuple[float, ...]:  # fmt: skip
         mine, x, y = self.station, *spot
         at = mine.world_from_base @ [x, y, 0.0, 1.0]
         yaw = float(np.arctan2(mine.world_from_base[1, 0], mine.world_from_base[0, 0]))
@@ -185,10 +211,11 @@ class RobotAtBench(RobotAtTable):
         hands.sort(key=lambda hand: hand[0] is mine)
         if all(other is mine for other, _ in hands):
             return ()
+        there = [moved_obstacle(obstacle, mine.world_from_base) for obstacle in beside]
         angles = _ANGLES[:1] if request.round else _ANGLES
         return tuple(
             angle for angle in angles
-            if all(other.gets_to(arm, at, request, angle + yaw) for other, arm in hands)
+            if all(other.gets_to(arm, at, request, angle + yaw, there) for other, arm in hands)
         )  # fmt: skip
 
 

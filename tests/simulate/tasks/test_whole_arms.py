@@ -13,6 +13,7 @@ from rtask.cli import main
 from rtask.engine import Engine
 from rtask.rdf.namespaces import PREFIXES
 from simulate.grasping.rules import GraspRequest
+from simulate.motion.collision import Obstacle
 from simulate.tasks.arms.bench import Bench
 from simulate.tasks.arms.introducing import _store, introduce, survey
 from simulate.tasks.arms.layouts import own_table, place_things, sorting_table
@@ -81,6 +82,10 @@ def test_a_spot_for_the_next_robot_is_one_where_its_hand_gets_around_the_thing(t
         (x0, x1), (y0, y1) = panda.station.ranges("left part")
         middle = ((x0 + x1) / 2, (y0 + y1) / 2)
         assert panda.ways("left part", middle, request)
+        height = request.table_height + 0.05
+        beside = [Obstacle.box("neighbour", (middle[0], middle[1] + way, height), (0.1, 0.02, 0.1))
+                  for way in (-0.035, 0.035)]  # fmt: skip
+        assert panda.ways("left part", middle, request, beside) == (), "no hand fits in between"
         far = nao.world_from_base @ [0.45, -0.1, 0.0, 1.0]
         assert not nao.gets_to("right_arm", far, request, 0.0)
         assert panda.ways("middle", middle, request) == ()
