@@ -11,9 +11,11 @@ from rtask.tasks.plan import PlannedStep, TaskPlan
 
 __all__ = ["behaviour_tree"]
 
-# A factory has these from the start, and refuses a second node of the name; Root is reserved.
+# A factory has these from the start, and refuses a second node of the name; the first ones are tags
+# of the format.
 _NODES = (
-    "Root", "root", "Action", "Condition", "Control", "Decorator", "SubTree", "AlwaysFailure",
+    "Root", "root", "BehaviorTree", "TreeNodesModel", "include",
+    "Action", "Condition", "Control", "Decorator", "SubTree", "AlwaysFailure",
     "AlwaysSuccess", "AsyncFallback", "AsyncSequence", "Delay", "Fallback", "ForceFailure",
     "ForceSuccess", "IfThenElse", "Inverter", "KeepRunningUntilFailure", "LoopBool",
     "LoopDouble", "LoopInt", "LoopString", "ManualSelector", "Parallel", "ParallelAll",
@@ -35,18 +37,20 @@ def behaviour_tree(plan: TaskPlan) -> str:
 
     An action has the local name of its class; a port has the name of a parameter, and its value is
     an IRI. Names that the reader of BehaviorTree.CPP refuses are changed as little as that takes.
+    The model lists all ports for editors; a program registers each action with these ports, as the
+    factory refuses those of which it has not heard.
     """
     identifiers = _identifiers([step.action for step in plan.steps], local_name, _NODES)
     ports = {step.action: _identifiers(step.arguments, str, _PORTS) for step in plan.steps}
     root = ElementTree.Element("root", BTCPP_format="4", main_tree_to_execute="Plan")
     tree = ElementTree.SubElement(root, "BehaviorTree", ID="Plan")
     sequence = ElementTree.SubElement(tree, "Sequence", name=_words("; ".join(plan.understood)))
-    for step in plan.steps:
+    # Readers such as that of py_trees refuse two nodes of one name: a thing may be picked up twice.
+    names = _distinct([_words(step.text) for step in plan.steps])
+    for name, step in zip(names, plan.steps, strict=True):
         values = {ports[step.action][name]: value for name, value in step.arguments.items()}
-        ElementTree.SubElement(
-            sequence, "Action",
-            {"ID": identifiers[step.action], "name": _words(step.text), **values},
-        )  # fmt: skip
+        # The compact form of version 4; py_trees knows no other one.
+        ElementTree.SubElement(sequence, identifiers[step.action], {"name": name, **values})
     models = ElementTree.SubElement(root, "TreeNodesModel")
     for step in _of_each_class(plan):
         action = ElementTree.SubElement(models, "Action", ID=identifiers[step.action])
@@ -77,6 +81,18 @@ def _identifiers(
 
 def _words(text: str) -> str:
     return _CONTROL.sub(" ", text)
+
+
+def _distinct(texts: Iterable[str]) -> list[str]:
+    """Return texts, with a number where one comes again."""
+    names: dict[str, None] = {}
+    for text in texts:
+        name, number = text, 1
+        while name in names:
+            number += 1
+            name = f"{text} ({number})"
+        names[name] = None
+    return list(names)
 
 
 def _of_each_class(plan: TaskPlan) -> list[PlannedStep]:

@@ -16,7 +16,10 @@ import ontology
 from rtask.rdf.namespaces import local_name
 from simulate.tasks.body import Deed, TaskBody
 
-__all__ = ["Grasp", "HandOver", "Place", "TaskAction", "available_actions"]
+__all__ = ["NOT_SEEN", "Grasp", "HandOver", "Place", "TaskAction", "available_actions"]
+
+NOT_SEEN = "it is not seen at"
+"""How the comment of a step begins whose thing is not where the plan has it."""
 
 Arguments = Mapping[str, str]
 
@@ -49,7 +52,7 @@ class Grasp:
     def missing(self, body: TaskBody, arguments: Arguments) -> str:
         """Look whether the thing is where the plan has it."""
         seen = body.sees(arguments["thing"], arguments["place"])
-        return "" if seen else f"it is not seen at {unquote(local_name(arguments['place']))}"
+        return "" if seen else f"{NOT_SEEN} {unquote(local_name(arguments['place']))}"
 
     def carry_out(self, body: TaskBody, arguments: Arguments) -> Deed:
         """Pick it up."""

@@ -18,6 +18,7 @@ from typing import Any
 from rtask.errors import RtaskError
 from rtask.rdf.namespaces import PREFIXES
 from simulate.grasping.record import phase_of
+from simulate.tasks.actions import NOT_SEEN
 from simulate.tasks.executor import Graph
 
 __all__ = ["Rearranging"]
@@ -252,8 +253,13 @@ _NOBODY = "urn:nobody"
 
 
 def _is_no_way(reason: str) -> bool:
-    """Tell whether a robot found no grasp, no way to one, or none to put a thing down."""
-    return phase_of(reason) == "plan" or reason in ("no_grasp", _NO_ROOM)
+    """Tell whether a robot found no grasp, no way to one, or none to put a thing down.
+
+    Nor is there a way to what a robot does not see where another one does, or what is covered: it
+    sees that at another spot, or with less beside it.
+    """
+    is_unseen = reason.startswith(NOT_SEEN)
+    return is_unseen or phase_of(reason) == "plan" or reason in ("no_grasp", _NO_ROOM)
 
 
 def _failed(plan: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -133,7 +133,20 @@ class ArmBody:
         felt = next((hand for hand in self._arms if self._feels(item, hand)), None)
         # One look at each area first: to look from everywhere takes several times as long.
         at_once = (at for at in self._places if self._sight(item, at) is not None)
-        return felt or next(at_once, None) or self.place_seen(item)
+        return felt or next(at_once, None) or self.place_seen(item) or self._covering(item)
+
+    def _covering(self, item: str) -> str | None:
+        """Return the box that the graph has a thing in, if it may lie under something else there.
+
+        Not seen in a box with other things is not gone: to say so would lose it for everybody.
+        """
+        layout = self.robot.station.bench.layout
+        for place, name in self._places.items():
+            if layout.area(name).is_box:
+                there = {str(row["thing"]) for row in self.graph.query(_THINGS % place)}
+                if item in there and len(there) > 1:
+                    return place
+        return None
 
     def _release_lost(self) -> None:
         for hand, held in list(self._held.items()):

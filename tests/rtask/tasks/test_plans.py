@@ -268,8 +268,8 @@ def test_patterns_that_differ_in_names_alone_are_one_predicate():
 def test_a_behaviour_tree_has_one_action_a_step_with_its_parameters(kb):
     plan = kb.tasks.plan("every cup into the left box")
     root = ElementTree.fromstring(behaviour_tree(plan))
-    actions = root.findall("BehaviorTree/Sequence/Action")
-    assert [a.get("ID") for a in actions] == [local_name(s.action) for s in plan.steps]
+    actions = root.findall("BehaviorTree/Sequence/*")
+    assert [action.tag for action in actions] == [local_name(s.action) for s in plan.steps]
     assert actions[0].get("thing") == CUP
     assert {a.get("ID") for a in root.findall("TreeNodesModel/Action")} == {"Grasp", "Place"}
 
@@ -286,15 +286,15 @@ def test_a_behaviour_tree_has_no_name_that_its_reader_refuses(kb):
         for step in plan.steps
     )  # fmt: skip
     root = ElementTree.fromstring(behaviour_tree(replace(plan, steps=steps)))
-    actions = root.findall("BehaviorTree/Sequence/Action")
+    actions = root.findall("BehaviorTree/Sequence/*")
     # Sleep is a node of every factory; a port may be called neither name nor _..., nor begin
     # with a digit, and no name has a dot.
-    assert [action.get("ID") for action in actions] == ["Sleep_2", "Pour_1"] * 2
+    assert [action.tag for action in actions] == ["Sleep_2", "Pour_1"] * 2
     assert actions[0].get("name") == f"{plan.steps[0].text} "
     assert actions[0].get("name_2") == CUP
     ports = {"robot", "name_2", "x_skipIf", "x1st"}
     for action in actions:
-        assert set(action.attrib) == {"ID", "name", *ports}
+        assert set(action.attrib) == {"name", *ports}
     for model in root.findall("TreeNodesModel/Action"):
         assert {port.get("name") for port in model} == ports
 

@@ -1,22 +1,24 @@
-"""Problems and plans as a reader of PDDL that nobody here wrote has them (unified-planning)."""
+"""Plans as readers have them that nobody here wrote: unified-planning, and py_trees."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
 import pytest
 
+from rtask.rdf.namespaces import local_name
+from rtask.tasks.behaviour_tree import behaviour_tree
 from rtask.tasks.planning.pddl import write_pddl
 from rtask.tasks.planning.problem import Parameter
 from rtask.tasks.planning.search import find_plan
+from tests.rtask.tasks.conftest import PEN
 from tests.rtask.tasks.lab import PICK, PLACE, lab
-
-io = pytest.importorskip("unified_planning.io")
-engines = pytest.importorskip("unified_planning.engines")
 
 
 def read(problem):
     """Return a problem as the stranger reads it, and what reads plans for it."""
+    io = pytest.importorskip("unified_planning.io")
     pddl, reader = write_pddl(problem), io.PDDLReader()
     return pddl, reader, reader.parse_problem_string(pddl.domain, pddl.problem)
 
@@ -51,7 +53,7 @@ def test_another_validator_finds_our_plan_valid_and_one_without_its_last_step_no
     lines = [f"({' '.join((step.action, *(value for _, value in step.arguments)))})"
              for step in find_plan(problem).steps]  # fmt: skip
     assert pddl.read_plan("\n".join(lines))
-    validator = engines.SequentialPlanValidator()
+    validator = pytest.importorskip("unified_planning.engines").SequentialPlanValidator()
     # Steps that no plan can have, as their static conditions never hold, have no cost stated.
     validator.skip_checks = True
     results = [validator.validate(theirs, reader.parse_plan_string(theirs, "\n".join(part)))
@@ -60,6 +62,45 @@ def test_another_validator_finds_our_plan_valid_and_one_without_its_last_step_no
 
 
 def test_another_reader_takes_a_problem_out_of_a_graph(kb):
+    io = pytest.importorskip("unified_planning.io")
     ours = kb.tasks.plan("every pen into the right box")
-    theirs = io.PDDLReader().parse_problem_string(ours.pddl.domain, ours.pddl.problem)
-    assert {"pick", "place"} <= {action.name for action in theirs.actions} | {"pick", "place"}
+    theirs = io.PDDLReader().parse_problem_string(ours.domain, ours.problem)
+    names = [action.name.rpartition("ns-")[2] for action in theirs.actions]
+    assert sorted(names) == ["grasp", "handover", "place"]
+    [goal] = theirs.goals
+    assert PEN.replace("://", "-").replace("/", "-").replace(".", "-") in str(goal)
+
+
+def ticked(xml, names, folder):
+    """Return the nodes that py_trees ticks, each with the values of its ports."""
+    ports = pytest.importorskip("py_trees.ports")
+    parser = pytest.importorskip("py_trees.parsers.behaviour_tree_xml")
+    text = ports.PortInformation(data_type=str, required=True)
+    done = []
+
+    def node(action, arguments):
+        class Node(ports.BehaviourWithPorts, tag=f"test_{action}"):
+            INPUT_PORTS: ClassVar = dict.fromkeys(arguments, text)
+            OUTPUT_PORTS: ClassVar = {}
+
+            def update(self):
+                done.append((action, {name: self.get_input(name) for name in arguments}))
+                return status.SUCCESS
+
+        return Node
+
+    status = pytest.importorskip("py_trees.common").Status
+    (folder / "plan.xml").write_text(xml, encoding="utf-8")
+    registry = {action: node(action, arguments) for action, arguments in names.items()}
+    root = parser.parse_behaviour_tree_xml(str(folder / "plan.xml"), node_registry=registry)
+    root.tick_once()
+    assert root.status == status.SUCCESS
+    return done
+
+
+def test_another_library_ticks_the_tree_of_a_plan_with_all_its_ports(kb, tmp_path):
+    plan = kb.tasks.plan("every cup into the left box; the pen into the right box")
+    steps = (*plan.steps, plan.steps[0])  # a thing that is picked up twice from one place
+    names = {local_name(step.action): list(step.arguments) for step in steps}
+    done = ticked(behaviour_tree(replace(plan, steps=steps)), names, tmp_path)
+    assert done == [(local_name(step.action), dict(step.arguments)) for step in steps]
