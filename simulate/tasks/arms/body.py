@@ -336,10 +336,11 @@ class ArmBody:
         self._unmoved.discard(hand)
         if not is_away(self.robot, arm):
             return
-        run = resumed(self.robot, arm, self._seed)
+        rows = self.graph.query(_IN_HAND % hand)
+        held = str(rows[0]["thing"]) if rows else item
+        run = resumed(self.robot, arm, self._seed, self._extents(held))
         if run is not None:
-            rows = self.graph.query(_IN_HAND % hand)
-            self._held[hand] = _Held(str(rows[0]["thing"]) if rows else item, run)
+            self._held[hand] = _Held(held, run)
             self.robot.is_holding = True
 
     def _feels(self, item: str, hand: str) -> bool:
@@ -384,9 +385,16 @@ class ArmBody:
     def _size(self, item: str) -> list[float]:
         """Return the sizes of a thing as it was first seen by any robot; none if unknown."""
         if not self._sizes.get(item):
-            rows = self.graph.query(_SIZE % item)
-            self._sizes[item] = sorted(float(str(v)) for v in rows[0].values()) if rows else []
+            self._sizes[item] = sorted(self._extents(item) or ())
         return self._sizes[item]
+
+    def _extents(self, item: str) -> tuple[float, float, float] | None:
+        """Return the extents (x, y, z), m, of a thing as the graph has it; None if unknown."""
+        rows = self.graph.query(_SIZE % item)
+        if not rows:
+            return None
+        x, y, z = (float(str(rows[0][name])) for name in "xyz")
+        return x, y, z
 
     def _missing(self, item: str, place: str, there: list[Sighting]) -> list[list[float]]:
         """Return the sizes of other things that the graph has in an area, and a view does not."""
