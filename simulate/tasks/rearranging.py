@@ -59,8 +59,6 @@ class Rearranging:
     _moves: Counter[str] = field(default_factory=Counter)
     """Plans stored for a thing, which bound what is tried, and those of them carried out."""
     _times_helped: Counter[str] = field(default_factory=Counter)
-    _moved_itself: Counter[str] = field(default_factory=Counter)
-    """Those of the plans that move the thing and not what is beside it."""
     _borrowed: dict[str, tuple[str, str]] = field(default_factory=dict)
     """Where things belong that stand elsewhere only for a while, and for which goal; by IRI."""
     _unmoved: set[str] = field(default_factory=set)
@@ -103,13 +101,15 @@ class Rearranging:
             return False
         may_move = not (is_full or item in self._unmoved)
         # By turns: where every spot is beside something, the thing itself could be moved for ever.
-        is_next = self._moves[item] >= 2 * self._moved_itself[item]
-        if may_move and is_next and self._move_itself(plan, item, place, robot):
+        # What a hand would touch is likely beside it, and what it does not get to is too far away.
+        is_beside = step["comment"].endswith(_COLLISION)
+        is_next = (self._moves[item] % 2 == 0) is not is_beside
+        if may_move and is_next and self._store_move(plan, item, item, place, robot):
             return True
         beside = [other for other in self._contents_of(place) if other != item]
         if any(self._store_move(plan, item, other, place) for other in beside):
             return True
-        if may_move and not is_next and self._move_itself(plan, item, place, robot):
+        if may_move and not is_next and self._store_move(plan, item, item, place, robot):
             return True
         # A robot that is alone gets back what it puts aside; nobody asked for it to be there.
         for other in beside:
@@ -117,11 +117,6 @@ class Rearranging:
                 self._borrowed[other] = place, plan["settled"] or plan["goal"]
                 return True
         return False
-
-    def _move_itself(self, plan: Mapping[str, Any], item: str, place: str, robot: str) -> bool:
-        is_stored = self._store_move(plan, item, item, place, robot)
-        self._moved_itself[item] += is_stored
-        return is_stored
 
     def bring_back(self) -> bool:
         """Store plans by which things that only were in the way come back; tell if there is one.
@@ -168,7 +163,11 @@ class Rearranging:
         is_alone
             Also to a place that only one robot reaches.
         """
-        for elsewhere in self._places(but or _NOBODY, moved, place, is_alone):
+        needed = {self._values(step["task"]).get("place", "") for step in plan["steps"]}
+        places = self._places(but or _NOBODY, moved, place, is_alone)
+        if moved != item:  # there it would soon be in the way again
+            places.sort(key=lambda at: at in needed)
+        for elsewhere in places:
             goal = f"<{moved}> rt:locatedOn <{elsewhere}>"
             try:
                 answer = self.planner.call("plan_goal", goal=goal)
@@ -249,6 +248,8 @@ class Rearranging:
 
 
 _NO_ROOM = "place_plan"
+_COLLISION = "_collision"
+"""How the codes of grasps end at which the hand or the arm would touch something."""
 _NOBODY = "urn:nobody"
 
 
