@@ -28,7 +28,7 @@ from simulate.motion.collision import Obstacle
 from simulate.tasks.arms.bench import OTHER_ROBOT, Station
 from simulate.tasks.arms.bystanders import Bystanders
 from simulate.tasks.arms.resuming import is_away, resumed
-from simulate.tasks.arms.sightings import Sighting, disambiguated, known_by_size, size_of
+from simulate.tasks.arms.sightings import Sighting, disambiguated, find_by_size, size_of
 from simulate.tasks.arms.station_body import RobotAtBench
 from simulate.tasks.arms.visibility import is_seen_through
 from simulate.tasks.body import Attempted, Deed
@@ -143,7 +143,7 @@ class ArmBody:
         layout = self.robot.station.bench.layout
         for place, name in self._places.items():
             if layout.area(name).is_box:
-                there = {str(row["thing"]) for row in self.graph.query(_THINGS % place)}
+                there = {str(row["thing"]) for row in self.graph.query(_CONTENTS % place)}
                 if item in there and len(there) > 1:
                     return place
         return None
@@ -377,7 +377,7 @@ class ArmBody:
         sighting = next((seen for seen in there if seen.object == product), None)
         size = self._size(item)
         if sighting is None and size and any(not seen.object for seen in there):
-            sighting = known_by_size(there, size, self._missing(item, place, there))
+            sighting = find_by_size(there, size, self._missing(item, place, there))
         if sighting is not None:
             self._sizes[item] = size or size_of(sighting)
         return sighting
@@ -399,7 +399,7 @@ class ArmBody:
     def _missing(self, item: str, place: str, there: list[Sighting]) -> list[list[float]]:
         """Return the sizes of other things that the graph has in an area, and a view does not."""
         shown = {seen.object for seen in there}
-        others = (str(row["thing"]) for row in self.graph.query(_THINGS % place))
+        others = (str(row["thing"]) for row in self.graph.query(_CONTENTS % place))
         missing = (other for other in others
                    if other != item and self.product(other) not in shown)  # fmt: skip
         return [size for other in missing if (size := self._size(other))]
@@ -482,5 +482,5 @@ SELECT ?product WHERE {{ <%s> rt:exemplarOf ?product . ?product rt:objectId ?id 
 _SIZE = f"""{PREFIXES}
 SELECT ?x ?y ?z WHERE {{
   <%s> rt:exemplarOf ?product . ?product rt:extentX ?x ; rt:extentY ?y ; rt:extentZ ?z }} LIMIT 1"""
-_THINGS = f"""{PREFIXES}
+_CONTENTS = f"""{PREFIXES}
 SELECT DISTINCT ?thing WHERE {{ ?thing a rt:Exemplar ; rt:locatedOn <%s> }} ORDER BY ?thing"""

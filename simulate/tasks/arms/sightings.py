@@ -15,7 +15,7 @@ import numpy as np
 from features.perception import Seen
 from simulate.agent.second_look import View
 
-__all__ = ["Sighting", "disambiguated", "known_by_size", "size_of"]
+__all__ = ["Sighting", "disambiguated", "find_by_size", "size_of"]
 
 _SAME_SIZE = 0.35
 """Of a thing that lies another way than it stood, a camera sees its sizes by so much otherwise."""
@@ -64,7 +64,7 @@ def size_of(sighting: Sighting) -> list[float]:
     return sorted((shape.length, shape.width, shape.height))
 
 
-def known_by_size(
+def find_by_size(
     there: Iterable[Sighting], size: Sequence[float], missing: Iterable[Sequence[float]] = ()
 ) -> Sighting | None:
     """Return what is not recognised in a view and can only be a thing of a size; None for nothing.

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from simulate.tasks.arms.sightings import known_by_size
+from simulate.tasks.arms.sightings import find_by_size
 
 CAN, BOX = [0.03, 0.03, 0.09], [0.03, 0.05, 0.06]
 
@@ -32,4 +32,4 @@ def sighting(size, product=""):
 )
 def test_the_only_stranger_of_a_size_is_the_thing_unless_it_may_be_another(there, missing, found):
     expected = None if found is None else there[found]
-    assert known_by_size(there, CAN, missing) is expected
+    assert find_by_size(there, CAN, missing) is expected
