@@ -55,6 +55,9 @@ class Policy:
     proven_weight, proven_share, proven_mean
         An arm is proven when its evidence holds that many successes, their share of its evidence
         is that large, and so is its mean.
+    telling
+        Where causes leave so much more of the quality of one arm than of another's, the best mean
+        goes first and nothing is sampled.
     stop_below
         When no arm has a larger mean, the answer is "no grasp".
     max_trials
@@ -71,6 +74,7 @@ class Policy:
     proven_weight: float = 0.8
     proven_share: float = 0.6
     proven_mean: float = 0.5
+    telling: float = 0.05
     stop_below: float = 0.1
     max_trials: int = 12
 
@@ -360,7 +364,11 @@ class BetaThompson:
         policy = self.policy
         scores = [(0.0, float(m)) for m in mean]
         informed = policy.kappa > 0 and any(arm.quality is not None for arm in arms)
-        if policy.selection == "thompson" or (policy.selection == "auto" and informed):
+        # A sample of a belief as wide as that of a few attempts is close to any of the five best,
+        # which forgets what causes told apart. Their hypotheses explore by themselves: each failure
+        # moves the best mean to where the likely ones say that it holds.
+        undecided = informed and not self._told_apart(arms)
+        if policy.selection == "thompson" or (policy.selection == "auto" and undecided):
             best = sorted(canonical, key=lambda i: -round(float(mean[i]), 9))[: policy.top_k]
             rng = np.random.default_rng(seed)
             for i in canonical:
@@ -375,6 +383,11 @@ class BetaThompson:
                     held = is_first and self._has_held(arm)
                     scores[i] = (3.0 if held else 2.0, float(mean[i]))
         return scores
+
+    def _told_apart(self, arms: Sequence[Arm]) -> bool:
+        """Tell whether causes leave more of the quality of some arms than of others."""
+        left = [arm.hidden for arm in arms]
+        return max(left) - min(left) > self.policy.telling
 
     def _has_held(self, arm: Arm) -> bool:
         return arm.own_successes >= self.policy.proven_weight

@@ -31,7 +31,7 @@ import rtask
 from rtask.errors import UsageError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.scratch import ScratchFolder
-from simulate.demo.lessons import lessons_of
+from simulate.demo.lessons import closed_where_held, lessons_of
 from simulate.demo.orchestrate import Settings
 from simulate.demo.processes import RobotJob
 from simulate.demo.report import attempts_to_success
@@ -205,6 +205,7 @@ def _robot_figures(
     both = sorted(mine.keys() & alone.keys())
     lessons = lessons_of(shared)
     assert lessons is not None
+    chance = closed_where_held(shared[:-1], apart, knows_by_sight=False)
     first = [mine[name] for name in both if mine[name]["attempts"][0]["source"] == "memory"]
     return {
         "robot": shared[-1]["name"],
@@ -222,6 +223,10 @@ def _robot_figures(
             "followed": lessons.followed,
             "unreachable": lessons.unreachable,
             "held_elsewhere": sum(lessons.elsewhere.values()),
+            "same_place": lessons.same_place,
+            "places": lessons.places,
+            "same_place_alone": chance[0],
+            "places_alone": chance[1],
         },
         "elsewhere": dict(lessons.elsewhere),
     }
@@ -316,6 +321,9 @@ def demo_words(summary: Mapping[str, Any]) -> list[str]:
         f"other {_others(lessons)}, {lessons['held_elsewhere']} held at once elsewhere; "
         f"at {lessons['unreachable']} of those not recalled the graph's first grasp was remembered "
         "and the arm did not reach it",
+        f"the hand first closed where an earlier robot had held at {lessons['same_place']} of "
+        f"{lessons['places']}; the same robots without the graph, by chance, at "
+        f"{lessons['same_place_alone']} of {lessons['places_alone']}",
         *map(_over_tables_words, summary["robots"]),
     ]
 

@@ -102,7 +102,9 @@ def play_fleet(
     luck = {i: (Luck.draw(rng, _CAP), Luck.draw(rng, _CAP)) for i in order}
     counts: dict[int, dict[str, tuple[int, int]]] = {i: {} for i in order}
     for condition in CONDITIONS:
-        policy = replace(Policy(), causes=condition != "without")
+        # As it was when this was measured: of the five best grasps one was sampled.
+        sampled = replace(Policy().bandit, telling=math.inf)
+        policy = replace(Policy(), causes=condition != "without", bandit=sampled)
         kind = WeighedPlayer if condition == "weighed" else Player
         player, lessons = kind(policy, hand, _CAP), Lessons(hand)
         reports: dict[int, list[ReportedGrasp]] = {}
@@ -141,11 +143,12 @@ def changes_of(rows: Sequence[tuple[int, Mapping[str, tuple[int, int]]]]) -> lis
     for robot in (0, 1):
         attempts = {name: np.array([row[name][robot] for _, row in rows]) for name in CONDITIONS}
         for more, less in (("causes", "without"), ("weighed", "without"), ("weighed", "causes")):
-            words.append(_over_products(attempts[more] - attempts[less], of))
+            words.append(over_products(attempts[more] - attempts[less], of))
     return words
 
 
-def _over_products(difference: NDArray[np.int64], of: NDArray[np.int64]) -> str:
+def over_products(difference: NDArray[np.int64], of: NDArray[np.int64]) -> str:
+    """Return the mean of paired differences with its 95 % interval over products, in words."""
     means = np.array([difference[of == i].mean() for i in np.unique(of)])
     low, high = bootstrap(lambda i: float(means[i].mean()), len(means))
     return f"{means.mean():+.2f} [{low:+.2f}, {high:+.2f}]"

@@ -93,6 +93,22 @@ def test_thompson_only_samples_among_the_best_by_mean():
     assert firsts == {0, 1, 2}
 
 
+def test_what_causes_tell_apart_is_not_left_to_chance():
+    def arms(lowered: float) -> list[Arm]:
+        qualities = (0.80, 0.84, 0.82)
+        return [Arm((0.03 * i, 0.0, 0.03), 0.0, q) for i, q in enumerate(qualities)] + [
+            Arm((-0.04, 0.0, 0.03), 0.0, 0.95, hidden=lowered)
+        ]
+
+    learner = BetaThompson(size_m=SIZE)
+    told = [learner.rank(arms(0.5), seed=seed)[0] for seed in range(20)]
+    assert {choice.index for choice in told} == {1}
+    assert told[0].explanation["selected_by"] == "mean"
+    untold = [learner.rank(arms(0.96), seed=seed)[0] for seed in range(20)]
+    assert len({choice.index for choice in untold}) > 1
+    assert untold[0].explanation["selected_by"] == "sample"
+
+
 def test_mean_takes_the_best_mean_for_any_seed():
     arms = [Arm((0.001 * i, 0.0, 0.03), 0.0, 0.5 + 0.04 * i) for i in range(10)]
     learner = BetaThompson(Policy(selection="mean"), SIZE)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from simulate.demo.lessons import lessons_of
+from simulate.demo.lessons import closed_where_held, lessons_of
 from simulate.demo.report import write_report
 
 
@@ -83,6 +83,25 @@ def test_a_remembered_grasp_out_of_reach_is_told_from_one_that_the_graph_did_not
     assert lessons is not None
     assert (lessons.won, lessons.recalled, lessons.unreachable) == (3, 1, 1)
     assert lessons.to_dict()["unreachable"] == 1
+
+
+def test_a_lesson_was_used_where_the_hand_first_closed_as_one_had_held() -> None:
+    def at(along_m: float, held: bool = True) -> dict[str, Any]:
+        return _attempt("candidate", held, hand={"along_m": along_m})
+
+    first = _robot("nao-1", _met("a", at(0.03, held=False), at(-0.03)), _met("b", at(0.0)))
+    second = _robot("nao-2", _met("a", at(0.01)), _met("b", at(0.04)), _met("c", at(0.0)))
+    known = {"recognised": "urn:it"}
+    third = _robot(
+        "panda-3", _met("a", at(0.017)) | known, _met("b", at(0.02)) | known,
+        _met("c", at(0.0)),  # by luck, as it was not recognised
+    )  # fmt: skip
+    lessons = lessons_of([first, second, third])
+    assert lessons is not None
+    assert (lessons.won, lessons.same_place, lessons.places) == (3, 1, 3)
+    assert closed_where_held([first, second], third, knows_by_sight=False) == (2, 3)
+    unseen = _robot("panda-3", _met("a", _attempt("memory")) | known)
+    assert closed_where_held([first], unseen) == (0, 1)
 
 
 def test_the_way_in_which_a_product_was_first_won_counts() -> None:

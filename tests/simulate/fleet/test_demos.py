@@ -88,6 +88,10 @@ def test_what_two_robots_gained_is_shown_for_each_and_added_up() -> None:
         "followed": 0,
         "unreachable": 0,
         "held_elsewhere": 0,
+        "same_place": 0,
+        "places": 0,
+        "same_place_alone": 0,
+        "places_alone": 0,
     }
     (row,) = demo_rows(summary)
     assert row[COLUMNS.index("robot by robot")] == "nao-2 1, alone 4; nao-2 3, alone 2"
@@ -136,6 +140,10 @@ def test_attempts_are_paired_by_product_and_what_only_one_tried_is_left_out(
         "followed": 0,
         "unreachable": 0,
         "held_elsewhere": 1,
+        "same_place": 0,
+        "places": 0,
+        "same_place_alone": 0,
+        "places_alone": 0,
     }
     assert demo_rows(summary)[0] == (
         "7", "2", "2", "5", "nao-2 2, alone 5", "2", "0", "2 of 2", "2 of 2"
