@@ -44,7 +44,8 @@ def tasks(
 
     In a third of the goals a thing has to change hands. In each, one event comes between: a person
     moves the thing, it falls, it is taken away, a person says no, a program is killed, an arm fails
-    for good, or a door is shut.
+    for good, or a door is shut. Of these, whole arms meet four: a person moves the thing, takes it
+    out of the hand, or says no, and the program of a robot is killed with the thing in its hand.
     """
     from simulate.study.tasks import arms_trial
     from simulate.study.tasks.trial import EVENTS
