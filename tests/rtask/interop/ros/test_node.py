@@ -316,15 +316,15 @@ class OverRos:
 
 
 def test_simulated_robots_carry_out_a_plan_over_services_of_ros_1(robot, ros_server):
-    graph = rtask.connect(ros_server.url)
-    graph.update(LAB)
-    lab = read_lab(graph.query, np.random.default_rng(3), 0.0)
-    over_ros = OverRos(robot, graph)
-    robots = {iri: Executor(over_ros, lab.robot(iri), iri) for iri in (NAO, PANDA)}
-    graph.call("store_plan", goal="every cup into the left box")
-    (ended,) = Crew(graph, robots).work()
-    assert (ended.result, ended.repairs) == ("reached", 0)
-    assert over_ros.called == {"claim_step", "end_step"}
-    assert lab.where[CUP] == LEFT
-    linked = f"{PREFIXES}SELECT DISTINCT ?attempt WHERE {{ ?step rt:carriedOutBy ?attempt }}"
-    assert len(graph.query(linked)) == [deed[1] for deed in lab.done].count("pick") == 2
+    with rtask.connect(ros_server.url) as graph:
+        graph.update(LAB)
+        lab = read_lab(graph.query, np.random.default_rng(3), 0.0)
+        over_ros = OverRos(robot, graph)
+        robots = {iri: Executor(over_ros, lab.robot(iri), iri) for iri in (NAO, PANDA)}
+        graph.call("store_plan", goal="every cup into the left box")
+        (ended,) = Crew(graph, robots).work()
+        assert (ended.result, ended.repairs) == ("reached", 0)
+        assert over_ros.called == {"claim_step", "end_step"}
+        assert lab.where[CUP] == LEFT
+        linked = f"{PREFIXES}SELECT DISTINCT ?attempt WHERE {{ ?step rt:carriedOutBy ?attempt }}"
+        assert len(graph.query(linked)) == [deed[1] for deed in lab.done].count("pick") == 2
