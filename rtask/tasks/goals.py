@@ -13,11 +13,12 @@ from rtask.errors import TooLargeError, UsageError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import NamedNode
 from rtask.tasks.actions import Select
+from rtask.tasks.limits import Limits
 from rtask.tasks.patterns import Pattern, expanded, parse_pattern
 from rtask.tasks.planning.problem import Atom, Goal
 
-__all__ = ["LOCATED", "MAX_GOALS", "MAX_JSON", "MAX_TEXT", "Aim", "Target", "goal_text",
-           "read_aims", "read_workers", "settled_goal", "targets"]  # fmt: skip
+__all__ = ["LOCATED", "MAX_GOALS", "MAX_JSON", "MAX_TEXT", "NO_LIMITS", "Aim", "Target", "goal_text",
+           "read_aims", "settled_goal", "targets"]  # fmt: skip
 
 MAX_AIMS = 50
 """Most goals of one JSON object."""
@@ -28,6 +29,7 @@ MAX_TEXT = 1000
 """Most characters of a goal in words."""
 MAX_JSON = 20_000
 """Most characters of a goal in JSON."""
+NO_LIMITS = Limits()
 LOCATED = "?thing rt:locatedOn ?place"
 _WHERE = re.compile(r"\bwhere\b\s*\{(.*)\}\s*$", re.I | re.S)
 _SUBJECT = re.compile(r"\?(\w+)")
@@ -96,8 +98,8 @@ def read_aims(given: str | Mapping[str, Any]) -> tuple[Aim, ...] | None:
         ``PATTERN [WHERE { SPARQL }]``, or an object, or its JSON, with ``achieve``, and if need be
         ``where`` and ``number``; ``goals`` has several of these, and one with ``then`` true is
         begun once those before it are reached, one with ``others`` true is about things alone that
-        no goal before it has taken. ``text`` is the goal for people; for ``by``, see
-        :func:`read_workers`.
+        no goal before it has taken. ``text`` is the goal for people; limits such as ``by``
+        are read by :func:`~rtask.tasks.limits.read_limits`.
 
     Raises
     ------
@@ -137,29 +139,6 @@ def read_aims(given: str | Mapping[str, Any]) -> tuple[Aim, ...] | None:
     return (_checked(pattern, match[1] if match else "", None),)
 
 
-def read_workers(given: str | Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the IRIs of the robots that a goal in JSON leaves it to (``by``); empty for all.
-
-    Raises
-    ------
-    UsageError
-        ``by`` is no list of IRIs.
-
-    Examples
-    --------
-    >>> read_workers({"achieve": "<urn:pen> rt:locatedOn <urn:box>", "by": ["urn:nao"]})
-    ('urn:nao',)
-    """
-    if isinstance(given, str):
-        given = json.loads(given) if given.lstrip().startswith("{") else {}
-    by = given.get("by", []) if isinstance(given, Mapping) else []
-    if not isinstance(by, list) or len(by) > MAX_AIMS or not all(
-        isinstance(item, str) and re.fullmatch(r"[^\s<>\"{}|\\^`]+", item) for item in by
-    ):  # fmt: skip
-        raise UsageError('"by" of a goal is a list of IRIs of robots')
-    return tuple(by)
-
-
 def goal_text(given: str | Mapping[str, Any]) -> str:
     """Return a goal for people: its words, where JSON that was made of words has them.
 
@@ -182,18 +161,19 @@ def goal_text(given: str | Mapping[str, Any]) -> str:
 
 
 def settled_goal(
-    text: str, matches: Sequence[Target], aims: Sequence[Aim], workers: Sequence[str] = ()
+    text: str, matches: Sequence[Target], aims: Sequence[Aim], limits: Limits = NO_LIMITS
 ) -> str:
     """Return a goal in words as JSON with the things that its words mean now.
 
     Once one of two pens from the table is in the box, "a pen from the table" would be the other.
+    What may not be touched is settled in any case: whatever helps the goal keeps to it, too.
 
     Returns
     -------
     JSON
         Empty where the words will say the same, or where it would be too long.
     """
-    if all(aim.end is None for aim in aims):
+    if all(aim.end is None for aim in aims) and not limits.of_help:
         return ""
     of_aim: dict[Aim, list[Target]] = defaultdict(list)
     for target in matches:
@@ -207,8 +187,7 @@ def settled_goal(
              "then": aim.stage > stage, "others": aim.others, "text": aim.text}
         )  # fmt: skip
         stage = aim.stage
-    by = {"by": list(workers)} if workers else {}
-    settled = json.dumps({"goals": goals, "text": text, **by})
+    settled = json.dumps({"goals": goals, "text": text, **limits.to_dict()})
     return settled if len(settled) <= MAX_JSON else ""
 
 

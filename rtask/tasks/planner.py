@@ -19,11 +19,11 @@ from rtask.tasks.goals import (
     Target,
     goal_text,
     read_aims,
-    read_workers,
     settled_goal,
     targets,
 )
 from rtask.tasks.language.reader import read_goal
+from rtask.tasks.limits import Limits, read_limits
 from rtask.tasks.names import names_of
 from rtask.tasks.outcomes import Experience, read_experience
 from rtask.tasks.plan import Refusal, TaskPlan
@@ -34,6 +34,7 @@ from rtask.tasks.planning.search import find_plan, goal_costs
 from rtask.tasks.planning.unsolvable import Obstacle, explain_unsolvable
 from rtask.tasks.queue.reading import claimed_things
 from rtask.tasks.reasons import crowded, refusal
+from rtask.tasks.restricting import limits_in_words, objects_within, or_without_limits
 from rtask.tasks.steps import Wording, planned_steps
 
 __all__ = ["ASSUMABLE", "plan_goal"]
@@ -57,8 +58,9 @@ class _Task:
     remarks: tuple[str, ...]
     deadline: dt.datetime | None
     settled: str
-    others: Mapping[str, tuple[str, ...]]
-    """The objects with the robots that the goal leaves out; empty where it leaves out none."""
+    limits: Limits
+    everything: Mapping[str, tuple[str, ...]]
+    """The objects with those that the limits of the goal leave out; empty where there are none."""
 
 
 @dataclass(frozen=True)
@@ -165,11 +167,12 @@ def _read(
     actions = read_actions(select, is_ontology)
     aims = read_aims(given)
     remarks, deadline = tuple[str, ...](), None
-    is_words, workers = aims is None, () if aims is None else read_workers(given)
+    is_words, limits = aims is None, Limits() if aims is None else read_limits(given)
     if aims is None:
         understood = read_goal(select, str(given), base)
         aims, remarks, deadline = understood.aims, understood.remarks, understood.deadline
-        workers = understood.workers
+        limits = understood.limits
+    limits = limits.current(select)
     patterns, all_targets = [], list[Target]()
     for aim in aims:
         pattern, of_aim = targets(select, aim)
@@ -182,11 +185,9 @@ def _read(
         patterns.append(pattern)
         all_targets += of_aim
     mentioned = {value for item in all_targets for atom in item.goal for value in atom[1:]}
-    facts = read_facts(select, actions, patterns, mentioned | set(workers))
-    objects = _left_to(actions, facts.objects, workers)
-    if workers:
-        names = names_of(select, workers)
-        remarks = (*remarks, f"by {' and '.join(names[item] for item in workers)} alone")
+    facts = read_facts(select, actions, patterns, mentioned | set(limits.by))
+    objects = objects_within(actions, facts.objects, limits)
+    remarks = (*remarks, *limits_in_words(select, limits))
     experience = read_experience(select, actions)
     problem = Problem(
         objects,
@@ -197,40 +198,12 @@ def _read(
     )
     text = goal_text(given)
     settled = (
-        settled_goal(text, all_targets, aims, workers) if is_words else _as_settled(given, text)
+        settled_goal(text, all_targets, aims, limits) if is_words else _as_settled(given, text)
     )
     return _Task(
         actions, aims, tuple(all_targets), problem, experience, _mendable(select, actions),
-        remarks, deadline, settled, facts.objects if workers else {},
+        remarks, deadline, settled, limits, facts.objects if limits else {},
     )  # fmt: skip
-
-
-def _left_to(
-    actions: Sequence[ActionClass], objects: Mapping[str, tuple[str, ...]], workers: Sequence[str]
-) -> Mapping[str, tuple[str, ...]]:
-    """Return the objects without the robots that are to do nothing.
-
-    Facts about them stay: where they stand and what they hold is so whoever works.
-
-    Raises
-    ------
-    UnknownTermError
-        Somebody is to do it who is no robot that actions are for.
-    """
-    if not workers:
-        return objects
-    kinds = {
-        dict(action.parameters)[name]
-        for action in actions
-        for prop, name in action.statements
-        if local_name(prop) == "assignedTo"
-    }
-    known = {robot for kind in kinds for robot in objects.get(kind, ())}
-    for worker in workers:
-        if worker not in known:
-            raise UnknownTermError(f"the graph has no robot <{worker}> that could do it")
-    left = {kind: tuple(r for r in objects.get(kind, ()) if r in workers) for kind in kinds}
-    return {**objects, **left}
 
 
 def _as_settled(given: str | Mapping[str, Any], text: str) -> str:
@@ -389,7 +362,9 @@ def _result(
             refusals.append(crowded(obstacle, wording))
         else:
             lack = refusal(select, problem, obstacle, task.mendable, robots, wording)
-            refusals.append(_or_by_others(task, problem, lack, obstacle))
+            refusals.append(
+                or_without_limits(task.limits, task.everything, problem, lack, obstacle, wording)
+            )
     if len(obstacles) > _MAX_REFUSALS:
         goal = f"{len(obstacles) - _MAX_REFUSALS} more goals"
         refusals.append(Refusal(goal, "out of reach, too; ask for each alone to see why", (), {}))
@@ -435,16 +410,6 @@ def _claimed(
             f"{who} has {names.get(thing, thing)} for another step now: steps with it begin after "
             f"that, at {claim.until:%H:%M} UTC at the latest unless {who} asks for more time"
         )
-
-
-def _or_by_others(task: _Task, problem: Problem, lack: Refusal, obstacle: Obstacle) -> Refusal:
-    """Return a refusal that says so where only who is to do it stands in the way."""
-    if not task.others:
-        return lack
-    of_all = replace(problem, objects=task.others, goals=(obstacle.goal,))
-    if explain_unsolvable(of_all, {}):
-        return lack
-    return replace(lack, text=f"{lack.text}; or let other robots help: leave out who is to do it")
 
 
 def _mentioned(

@@ -10,8 +10,12 @@ from dataclasses import dataclass, field
 from rtask.asking.questions.mentions import Mention
 
 __all__ = [
-    "Comparison", "Condition", "Deed", "Name", "Phrase", "Place", "Quantity", "Superlative",
+    "LIMITS", "Comparison", "Condition", "Deed", "Name", "Phrase", "Place", "Quantity",
+    "Superlative",
 ]  # fmt: skip
+
+LIMITS = frozenset(("untouched", "else", "alone", "barred"))
+"""Kinds of deeds that are none, but limits of all others."""
 
 
 @dataclass(frozen=True)
@@ -74,11 +78,18 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Comparison:
-    """That a measure of things is above or below a value, in SI units."""
+    """That a measure of things is above or below a value, in SI units.
+
+    Parameters
+    ----------
+    than
+        The one thing whose measure is the value, until that has been looked up.
+    """
 
     measure: str
     is_above: bool
     value: float
+    than: Phrase | None = None
 
 
 @dataclass(frozen=True)
@@ -157,8 +168,14 @@ class Phrase:
         Where they are now, or, negated, where they are not.
     left_out
         What is not meant.
+    owners
+        Whose they are: names of which any will do, for each.
+    reached_by
+        Robots that reach the place where they are, each with whether they do not.
     others
         What no part of the goal before is about: the rest.
+    is_only
+        Nothing else is to be treated so.
     anaphor
         "it", "them": what was named before.
     """
@@ -176,7 +193,10 @@ class Phrase:
     comparisons: tuple[Comparison, ...] = ()
     superlative: Superlative | None = None
     left_out: tuple[Phrase, ...] = ()
+    owners: tuple[Name, ...] = ()
+    reached_by: tuple[tuple[Name, bool], ...] = ()
     others: bool = False
+    is_only: bool = False
     is_elided: bool = False
     anaphor: str = ""
 
@@ -184,14 +204,15 @@ class Phrase:
     def is_described(self) -> bool:
         """Whether it says what its things are like."""
         return bool(self.colours or self.materials or self.traits or self.kinds_not
-                    or self.comparisons or self.superlative)  # fmt: skip
+                    or self.comparisons or self.superlative or self.owners or self.reached_by)  # fmt: skip
 
     @property
     def text(self) -> str:
         """What it says, for people."""
         if self.anaphor:
             return self.anaphor
-        words = ["other"] * self.others
+        words = ["only"] * self.is_only + ["other"] * self.others
+        words += [name.text for name in self.owners]
         most = self.superlative
         if most is not None and most.to is None:
             words.append(most.text)
@@ -202,8 +223,12 @@ class Phrase:
         words += [f"not {name.text}" for name in self.kinds_not]
         words += [most.text] if most is not None and most.to is not None else []
         words += [
-            f"{item.measure} {'above' if item.is_above else 'below'} {item.value:g}"
+            f"{item.measure} {'above' if item.is_above else 'below'} "
+            + (item.than.text if item.than is not None else f"{item.value:g}")
             for item in self.comparisons
+        ]
+        words += [
+            f"{'not ' * is_not}within reach of {name.text}" for name, is_not in self.reached_by
         ]
         words += [f"{'not ' * is_not}from {place.text}" for place, is_not in self.places]
         words += [f"except {phrase.text}" for phrase in self.left_out]
@@ -218,13 +243,16 @@ class Deed:
     ----------
     kind
         put, hold, away (anywhere but where they are), back, stay (where they are in the end), swap,
-        no (none may be there).
+        no (none may be there); or what limits all that is done: untouched, else (nothing else is
+        touched), alone and barred (the only robots, and those that do nothing).
     source
         For away and no: where they may not be any more.
     partner
         What a swap is with.
     stage
         Deeds of a later stage are begun once those before are reached.
+    robots
+        Of a limit: whom it is about.
     """
 
     kind: str
@@ -233,6 +261,12 @@ class Deed:
     source: Place | None = None
     partner: Phrase | None = None
     stage: int = 0
+    robots: tuple[Name, ...] = ()
+
+    @property
+    def is_limit(self) -> bool:
+        """Whether it says what may not be done, or who may do it."""
+        return self.kind in LIMITS
 
 
 @dataclass(frozen=True)

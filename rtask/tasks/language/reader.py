@@ -7,23 +7,26 @@ word has to fit where it stands, so that nothing is passed over in silence.
 from __future__ import annotations
 
 import datetime
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.tasks.actions import Select
-from rtask.tasks.goals import MAX_TEXT, Aim
+from rtask.tasks.goals import MAX_TEXT, NO_LIMITS, Aim
 from rtask.tasks.language.aims import STAYS, aims_of, holds
 from rtask.tasks.language.grammar.sentences import Reading, readings
 from rtask.tasks.language.items import read_items
 from rtask.tasks.language.lexicon import expanded
-from rtask.tasks.language.meaning import Condition
+from rtask.tasks.language.limiting import limits_of
+from rtask.tasks.language.meaning import Condition, Deed
 from rtask.tasks.language.refusing import names_in, not_understood, why_void
 from rtask.tasks.language.slips import MAX_SLIPS, mistyped
 from rtask.tasks.language.slots.proposals import Proposal, propose
 from rtask.tasks.language.times import deadline_in
 from rtask.tasks.language.workers import worker_in
+from rtask.tasks.limits import Limits
 
 __all__ = ["MAX_TEXT", "Understood", "read_goal"]
 
@@ -47,14 +50,14 @@ class Understood:
         What was found of its conditions, in words.
     deadline
         By when, if it says so.
-    workers
-        IRIs of the robots that alone are to do it; empty where that is left to the plan.
+    limits
+        Who alone is to do it or may not, and what may not be touched.
     """
 
     aims: tuple[Aim, ...]
     remarks: tuple[str, ...] = ()
     deadline: datetime.datetime | None = None
-    workers: tuple[str, ...] = ()
+    limits: Limits = NO_LIMITS
 
 
 def read_goal(
@@ -87,7 +90,9 @@ def read_goal(
     if worker is not None:
         # No second reading: its proposals would leave out who is to do it.
         understood = _read(select, worker.deed, base, MAX_SLIPS)
-        return replace(understood, deadline=deadline, workers=(worker.iri,))
+        return replace(
+            understood, deadline=deadline, limits=understood.limits | Limits(by=(worker.iri,))
+        )
     try:
         understood = _read(select, plain, base, MAX_SLIPS)
     except (UsageError, UnknownTermError) as error:
@@ -195,21 +200,29 @@ def _read(select: Select, text: str, base: str, slips: int) -> Understood:
 def _understood(select: Select, way: Reading) -> Understood:
     aims: list[Aim] = []
     remarks: dict[str, None] = {}
+    limiting: list[Deed] = []
     for deed, conditions in way.deeds:
         unmet = _unmet_of(select, conditions)
         if unmet:
             remarks.update(dict.fromkeys(unmet))
             continue
+        if deed.is_limit:
+            limiting.append(deed)
+            continue
         of_deed = list(aims_of(select, deed))
         if not of_deed:
             remarks[f"{deed.phrase.text}: there are not more"] = None
         aims += of_deed
-    return Understood(tuple(aims), tuple(remarks))
+    limits = limits_of(select, limiting, aims)
+    return Understood(tuple(aims), tuple(remarks), limits=limits)
 
 
 def _lacking(select: Select, way: Reading) -> list[str]:
     """Return what a way of reading speaks of and the graph does not know; empty if that is hard."""
-    deeds = [deed for deed, conditions in way.deeds if not _unmet_of(select, conditions)]
+    deeds = [
+        deed for deed, conditions in way.deeds
+        if not deed.is_limit and not _unmet_of(select, conditions)
+    ]  # fmt: skip
     try:
         return list(dict.fromkeys(why_void(select, deeds)))
     except UsageError:  # of more things than are looked at, it is not said where they are
@@ -240,6 +253,9 @@ def _meaning(select: Select, understood: Understood) -> frozenset[_Meaning]:
         ways = frozenset(tuple(str(row[name]) for name in aim.variables) for row in rows)
         number = None if aim.number is not None and _takes_all(aim, ways) else aim.number
         meanings.append((ways, number, aim.stage, aim.others, aim.text.endswith(STAYS)))
+    if understood.limits:
+        written = json.dumps(understood.limits.to_dict(), sort_keys=True)
+        meanings.append((frozenset([(written,)]), None, -1, False, False))
     return frozenset(meanings)
 
 

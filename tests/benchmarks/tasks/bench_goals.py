@@ -19,6 +19,7 @@ from rtask.knowledge_base import KnowledgeBase
 from tests.benchmarks.tasks.goals_lab import differences, open_lab
 
 GOALS = Path(__file__).with_name("goals")
+_FIRST_WIDE = 14
 RESULTS = (
     "right", "refused", "taken for another goal", "rightly refused", "right proposal",
     "wrong proposal",
@@ -31,11 +32,11 @@ def main() -> None:
     parser.add_argument("lists", nargs="*", type=Path, help="files; by default all of goals/")
     parser.add_argument("--all", action="store_true", help="print what is right as well")
     given = parser.parse_args()
-    with open_lab() as lab:
+    with open_lab() as lab, open_lab(is_wide=True) as wide:
         for path in given.lists or sorted(GOALS.glob("*.txt")):
             tally: Counter[str] = Counter()
             for sentence, expected in sentences(path):
-                result, why = judged(lab, sentence, expected)
+                result, why = judged(wide if is_wide(path) else lab, sentence, expected)
                 tally[result] += 1
                 if given.all or result in (*RESULTS[1:3], RESULTS[5]):
                     print(f"{result} | {sentence} | {expected} | {why[:300]}", flush=True)
@@ -47,6 +48,11 @@ def sentences(path: Path) -> list[tuple[str, str]]:
     lines = path.read_text(encoding="utf-8").splitlines()
     rows = [line.split("\t") for line in lines if line.strip() and not line.startswith("#")]
     return [(sentence, expected) for sentence, expected in rows]
+
+
+def is_wide(path: Path) -> bool:
+    """Return whether a list is about the lab with bowls and owners: those from the 14th on."""
+    return int(path.stem.rpartition("-")[2]) >= _FIRST_WIDE
 
 
 def judged(lab: KnowledgeBase, sentence: str, expected: str) -> tuple[str, str]:

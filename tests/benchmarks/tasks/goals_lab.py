@@ -53,16 +53,32 @@ _THINGS = {
     "pen-2": _Thing("Pen", "red", "L", .03, "metal", False, .012, .012, (-.25, .38), 33),
     "ball-1": _Thing("Ball", "yellow", "S", .05, "rubber", False, .06, .06, (.55, 1.00), 17),
 }  # fmt: skip
-_NUMBERS = {name: number for number, name in enumerate(_THINGS, 1)}
+_BOWLS = {
+    "bowl-1": _Thing("Bowl", "white", "Y", .25, "ceramic", True, .09, .06, (.05, -.50), 15),
+    "bowl-2": _Thing("Bowl", "brown", "Z", .22, "wood", False, .09, .05, (1.05, -.50), 22),
+}  # fmt: skip
+"""Only in the wide lab: each is within reach of one robot alone."""
+_OWNERS = {"cup-3": "Anna", "pen-1": "Ben", "bottle-2": "Ben"}
+_OWNER = "https://schema.org/owner"
+_ALL = {**_THINGS, **_BOWLS}
+_NUMBERS = {name: number for number, name in enumerate(_ALL, 1)}
 _LETTERS = {f"{_BASE}place/{letter}": letter for letter in _PLACES}
 _NAMES = {f"{_BASE}thing/{number}": name for name, number in _NUMBERS.items()}
 
 
-def open_lab() -> KnowledgeBase:
-    """Return a graph in memory with the lab."""
+def open_lab(*, is_wide: bool = False) -> KnowledgeBase:
+    """Return a graph in memory with the lab.
+
+    Parameters
+    ----------
+    is_wide
+        With two bowls more, and with owners.
+    """
     graph = rtask.open(":memory:", base=_BASE)
     assert isinstance(graph, KnowledgeBase)
-    rows = [*_robots(), *_places(), *(row for name in _THINGS for row in _statements(name))]
+    things = _ALL if is_wide else _THINGS
+    rows = [*_robots(), *_places(), *(row for name in things for row in _statements(name))]
+    rows += _wide() if is_wide else ()
     graph.update(f"{PREFIXES} INSERT DATA {{ GRAPH <{_BASE}graph/shared> {{ {' '.join(rows)} }} }}")
     return graph
 
@@ -90,6 +106,13 @@ def _places() -> Iterator[str]:
                 yield f"<{_BASE}robot/{robot}> rt:reaches <{place}> ."
 
 
+def _wide() -> Iterator[str]:
+    yield f'<{_BASE}Bowl> a owl:Class ; rdfs:subClassOf rt:Container ; rdfs:label "bowl"@en .'
+    for name, owner in _OWNERS.items():
+        person = f"<{_BASE}person/{owner}>"
+        yield f'{person} rt:name "{owner}" . <{_BASE}thing/{_NUMBERS[name]}> <{_OWNER}> {person} .'
+
+
 def _frame(name: str, x: float, y: float) -> str:
     frame = f"{_BASE}frame/{name}"
     return (
@@ -106,10 +129,11 @@ def _pose(iri: str, x: float, y: float) -> str:
 
 
 def _statements(name: str) -> Iterator[str]:
-    thing, number = _THINGS[name], _NUMBERS[name]
+    thing, number = _ALL[name], _NUMBERS[name]
     product = f"<{_BASE}object/{number}>"
+    kind = f"<{_BASE}Bowl>" if thing.kind == "Bowl" else f"rt:{thing.kind}"
     yield (
-        f'{product} a rt:{thing.kind} ; rt:objectId "lab/{number}" ; rt:name "{name}" ; '
+        f'{product} a {kind} ; rt:objectId "lab/{number}" ; rt:name "{name}" ; '
         f"rt:graspWidth {thing.width}e0 ; rt:extentX {thing.width}e0 ; rt:extentY "
         f"{thing.width}e0 ; rt:extentZ {thing.height}e0 ; rt:mass {thing.mass}e0 ; "
         f'rt:surfaceMaterial "{thing.material}" .'
@@ -147,7 +171,8 @@ def differences(expected: str, plan: TaskPlan) -> list[str]:
     expected
         ``THINGS > PLACES``, with letters of places, ``!T`` for anywhere but there, ``H`` for a hand
         and ``2 of THINGS`` for so many; with ``;`` between goals and ``then`` between what comes in
-        order. What is not named is to stay.
+        order. What is not named is to stay. ``by nao-1``: it does all steps; ``not jug pen-1``: no
+        step is about these.
     """
     at, first, last = _moved(plan)
     may_move: set[str] = set()
@@ -158,6 +183,9 @@ def differences(expected: str, plan: TaskPlan) -> list[str]:
         for part in filter(None, (part.strip() for part in stage.split(";"))):
             if part == "-":
                 continue
+            if part.startswith(("by ", "not ")):
+                wrong += _breaches(part, plan)
+                continue
             match = re.fullmatch(r"(?:(\d+) of )?(.*) > (.*)", part)
             assert match is not None, part
             names, where = match[2].split(), match[3].split()
@@ -165,15 +193,26 @@ def differences(expected: str, plan: TaskPlan) -> list[str]:
             touched.update(names)
             good = [name for name in names if _is_there(at[name], where)]
             number = int(match[1]) if match[1] else len(names)
-            there = [name for name in names if _is_there(_THINGS[name].place, where)]
+            there = [name for name in names if _is_there(_ALL[name].place, where)]
             if len(good) != number and not len(good) == len(there) >= number:
                 wrong.append(f"{len(good)} of {names} at {where}, not {number}")
         starts = [first[name] for name in touched if name in first]
         if starts and min(starts) < before:
             wrong.append("order")
         before = max([before, *(last[name] for name in touched if name in last)])
-    moved = {name for name in _THINGS if at[name] != _THINGS[name].place}
+    moved = {name for name in _ALL if at[name] != _ALL[name].place}
     return wrong + [f"moved also {name}" for name in sorted(moved - may_move)]
+
+
+def _breaches(part: str, plan: TaskPlan) -> Iterator[str]:
+    """Yield the steps that are done by somebody else, or are about what is not to be touched."""
+    rule, *names = part.split()
+    for step in plan.steps:
+        if rule == "by" and {f"{_BASE}robot/{name}" for name in names} != set(step.robots):
+            yield f"{part}: {step.text}"
+        about = {_NAMES[value] for value in step.arguments.values() if value in _NAMES}
+        if rule == "not" and about.intersection(names):
+            yield f"{part}: {step.text}"
 
 
 def _is_there(place: str, where: list[str]) -> bool:
@@ -182,7 +221,7 @@ def _is_there(place: str, where: list[str]) -> bool:
 
 def _moved(plan: TaskPlan) -> tuple[dict[str, str], dict[str, int], dict[str, int]]:
     """Return where each thing is after a plan, and its first and last step."""
-    at = {name: thing.place for name, thing in _THINGS.items()}
+    at = {name: thing.place for name, thing in _ALL.items()}
     first: dict[str, int] = {}
     last: dict[str, int] = {}
     for step in plan.steps:

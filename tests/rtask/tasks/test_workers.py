@@ -8,7 +8,8 @@ import pytest
 
 from rtask.errors import RtaskError, UnknownTermError, UsageError
 from rtask.knowledge_base import KnowledgeBase
-from rtask.tasks.goals import read_aims, read_workers
+from rtask.tasks.goals import read_aims
+from rtask.tasks.limits import read_limits
 from rtask.tasks.language.times import deadline_in
 from tests.rtask.tasks.conftest import LEFT, NAO, PANDA, PEN, TABLE
 
@@ -43,7 +44,7 @@ def test_what_the_robot_cannot_do_alone_is_refused_though_others_could(kb: Knowl
 
 def test_what_is_planned_again_later_is_for_the_same_robot(kb: KnowledgeBase) -> None:
     plan = kb.tasks.plan("panda-1 should put a pen from the table into the right box")
-    assert read_workers(plan.settled) == (PANDA,)
+    assert read_limits(plan.settled).by == (PANDA,)
     again = kb.tasks.plan(plan.settled)
     assert (again.digest, again.goal) == (plan.digest, plan.goal)
     assert "by panda-1 alone" in again.understood

@@ -11,6 +11,7 @@ from dataclasses import replace
 from rtask.asking.questions.words import stem
 from rtask.tasks.language.grammar.clause import EVERYTHING, Clause, away_from, clause_of, deeds_of
 from rtask.tasks.language.grammar.frames import courtesies, requests, wishes
+from rtask.tasks.language.grammar.limits import Limitations
 from rtask.tasks.language.grammar.removals import Removals
 from rtask.tasks.language.items import Items
 from rtask.tasks.language.lexicon import AWAY, CLASSES, GRASP, PUT, STAYING, TAKE
@@ -29,6 +30,7 @@ class Clauses(Removals):
 
     def __init__(self, items: Items) -> None:
         super().__init__(items)
+        self._limitations = Limitations(items, self.phrases)
         self._read: dict[int, list[tuple[Clause, int]]] = {}
 
     def clauses(self, at: int) -> list[tuple[Clause, int]]:
@@ -40,6 +42,17 @@ class Clauses(Removals):
                     matches.setdefault((clause, after))
             self._read[at] = list(matches)
         return self._read[at]
+
+    def limits(self, at: int) -> Iterator[tuple[Clause, int]]:
+        """Yield what may not be done, or who alone may do it."""
+        for start in courtesies(self.items, at):
+            for clause, end in self._limitations.limits(start):
+                yield from ((clause, after) for after in courtesies(self.items, end))
+
+    def ordered(self, at: int) -> Iterator[tuple[tuple[Deed, ...], int]]:
+        """Yield who is to do what is said next."""
+        for start in courtesies(self.items, at):
+            yield from self._limitations.ordered(start)
 
     def _ordered(self, at: int) -> Iterator[tuple[Clause, int]]:
         """Yield clauses that say whether they are first or later, and those that do not."""

@@ -94,7 +94,11 @@ class _Program:
         if len(items) in courtesies(items, begin):  # "...? Thanks"
             yield units
             return
-        for end, is_stop in self._separators(at):
+        limits = units[-1].is_limit
+        for end, is_stop in (
+            *self._separators(at),
+            *((at + 1, False),) * (limits and items.word(at) == ":"),
+        ):
             going_on = frozenset() if is_stop else frozenset(conditions)
             for rest in self.units(end, going_on):
                 if is_separate((units[-1], rest[0])):
@@ -122,6 +126,7 @@ class _Program:
     def _unit(
         self, at: int, conditions: tuple[tuple[Condition, bool], ...]
     ) -> Iterator[tuple[Units, int]]:
+        yield from self._limited(at, conditions)
         yield from self._conditional(at, conditions)
         yield from self._in_order(at, conditions)
         yield from self._given(at, conditions)
@@ -144,6 +149,22 @@ class _Program:
                     topic = Clause((Deed("put", phrase),), is_open=True)
                     for clause, after in self.clauses.clauses(end + 1):
                         yield (Unit(topic), Unit(clause, False, conditions)), after
+
+    def _limited(
+        self, at: int, conditions: tuple[tuple[Condition, bool], ...]
+    ) -> Iterator[tuple[Units, int]]:
+        """Yield what may not be done, by itself or right before what is to be done."""
+        for clause, end in self.clauses.limits(at):
+            limit = Unit(clause, False, conditions)
+            yield (limit,), end
+            for order, after in self.clauses.clauses(end):
+                if order.has_verb and self.items.word(end) not in CLASSES["LATER"]:
+                    yield (limit, Unit(order, order.order == "then", conditions)), after
+        for deeds, end in self.clauses.ordered(at):
+            limit = Unit(Clause(deeds, has_verb=True), False, conditions)
+            for order, after in self.clauses.clauses(end):
+                if all(word in _STOPS for word in self.items.words[after:]):
+                    yield (limit, Unit(order, False, conditions)), after
 
     def _given(
         self, at: int, conditions: tuple[tuple[Condition, bool], ...]
@@ -195,6 +216,9 @@ class _Program:
     def _trailing(self, unit: Unit, at: int) -> Iterator[tuple[Units, int]]:
         """Yield a clause with what is said after it: a condition, an order, what comes first."""
         ends = self.items.ends
+        for start in (at, *ends(at, "but|and")):
+            for clause, end in self.clauses.limits(start):
+                yield (unit, Unit(clause, False, unit.conditions)), end
         for pattern, is_due in ((",? if|provided that?", True), (",? unless", False)):
             for start in ends(at, pattern):
                 for condition, end in self.clauses.conditions(start):

@@ -29,14 +29,23 @@ class Unit:
     conditions: tuple[tuple[Condition, bool], ...] = ()
     firsts: tuple[Phrase, ...] = ()
 
+    @property
+    def is_limit(self) -> bool:
+        """Whether it only says what may not be done, or who may do it."""
+        return any(deed.is_limit for deed in self.clause.deeds)
+
 
 Units = tuple[Unit, ...]
 Resolved = tuple[tuple[Deed, tuple[tuple[Condition, bool], ...]], ...]
 
 
 def resolved_deeds(units: Units) -> Resolved | None:
-    """Return the deeds of a text of which each says all by itself; None where that cannot be."""
-    units = _without_topics(units) or ()
+    """Return the deeds of a text of which each says all by itself; None where that cannot be.
+
+    Limits come last: they are of all deeds, and nothing that is left out is theirs.
+    """
+    limits = tuple((d, u.conditions) for u in units if u.is_limit for d in u.clause.deeds)
+    units = _without_topics(tuple(unit for unit in units if not unit.is_limit)) or ()
     if not units or not is_separate(units):
         return None
     filled = _with_ends(list(units))
@@ -69,7 +78,7 @@ def resolved_deeds(units: Units) -> Resolved | None:
                 resolved.append((replace(first, stage=stage), conditions))
             stage += bool(unit.firsts)
             resolved.append((replace(done, stage=stage), conditions))
-    return tuple(resolved)
+    return (*resolved, *limits)
 
 
 def _first_ones(deed: Deed, firsts: tuple[Phrase, ...]) -> list[Deed]:
