@@ -19,7 +19,7 @@ from rtask.tasks.language.patterns import (
     fitting,
     places_of,
 )
-from rtask.tasks.language.ranking import most, with_chosen
+from rtask.tasks.language.ranking import measured, most, with_chosen
 
 __all__ = ["STAYS", "aims_of", "holds"]
 
@@ -297,7 +297,7 @@ def holds(select: Select, condition: Condition) -> bool:
     all_ = exemplars_of(select, fits)
     if quality is None:
         return _is_count(len(all_), quantity) != condition.is_not
-    those = exemplars_of(select, [*fits, *fitting(quality, "quality")])
+    those = exemplars_of(select, [*fits, *fitting(measured(select, quality), "quality")])
     if is_no or quantity.kind in ("some", "exactly", "at_most"):
         return _is_count(len(those), quantity) != condition.is_not
     if not all_:

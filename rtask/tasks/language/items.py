@@ -20,6 +20,7 @@ from rtask.rdf.terms import Literal
 from rtask.tasks.actions import Select
 from rtask.tasks.language.lexicon import CLASSES
 from rtask.tasks.language.meaning import Name
+from rtask.tasks.language.people import owners, robots_by_kind
 
 __all__ = ["Items", "read_items"]
 
@@ -136,7 +137,8 @@ def read_items(select: Select, text: str, base: str) -> Items:
             "in quotes, or an IRI"
         )
     spans: dict[tuple[int, int], list[Mention]] = {}
-    for item in [*mentions, *_materials(select, tokens)]:
+    mentions += robots_by_kind(select, tokens, mentions)
+    for item in [*mentions, *_materials(select, tokens), *owners(select, tokens)]:
         spans.setdefault((item.start, item.end), []).append(item)
     return Items([token.lower() for token in tokens], [Name(tuple(of)) for of in spans.values()])
 

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from rtask.errors import TooLargeError, UnknownTermError
+from rtask.errors import TooLargeError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES
-from rtask.rdf.terms import NamedNode
+from rtask.rdf.terms import NamedNode, Term
 from rtask.tasks.actions import Select
 from rtask.tasks.goals import Aim
-from rtask.tasks.language.meaning import Deed, Name
-from rtask.tasks.language.patterns import exemplars_of
+from rtask.tasks.language.meaning import Deed, Name, Phrase, Quantity
+from rtask.tasks.language.patterns import exemplars_of, places_of
 from rtask.tasks.language.ranking import with_chosen
 from rtask.tasks.limits import MAX_LIMITED, Limits
 
-__all__ = ["limits_of"]
+__all__ = ["OnlyUnclear", "limits_of", "only_limits"]
+
+
+class OnlyUnclear(UsageError):
+    """Whether what is there already is to stay, "only" does not say."""
 
 
 def limits_of(select: Select, deeds: Sequence[Deed], aims: Sequence[Aim]) -> Limits:
@@ -46,6 +50,52 @@ def limits_of(select: Select, deeds: Sequence[Deed], aims: Sequence[Aim]) -> Lim
         else:
             limits |= Limits(only_touch=tuple(sorted(_subjects(select, aims))))
     return limits
+
+
+def only_limits(select: Select, deed: Deed, aims: Sequence[Aim]) -> Limits:
+    """Return what "only the red cups" forbids: to do it with other cups.
+
+    Parameters
+    ----------
+    aims
+        The goals of the deed.
+
+    Raises
+    ------
+    OnlyUnclear
+        Others are there already: "only the cups in the box" may ask to take them out.
+    """
+    phrase = deed.phrase
+    if not phrase.is_only:
+        return Limits()
+    meant = exemplars_of(select, with_chosen(select, replace(phrase, quantity=None)))
+    is_of_kind = bool(phrase.heads) and (phrase.is_described or bool(phrase.places))
+    # "Only the red cups" tells them from other cups, "only the cups" from everything else.
+    kind = Phrase(heads=phrase.heads if is_of_kind else (), is_generic=True)
+    others = {thing: at for thing, at in exemplars_of(select, with_chosen(select, kind)).items()
+              if thing not in meant}  # fmt: skip
+    if deed.kind == "put" and deed.target is not None and deed.target.names:
+        _require_none_there(deed, others)
+    if not is_of_kind:
+        return Limits(only_touch=tuple(sorted(_subjects(select, aims))))
+    return Limits(untouched=tuple(sorted(
+        thing.value for thing in others if isinstance(thing, NamedNode)
+    )))  # fmt: skip
+
+
+def _require_none_there(deed: Deed, others: Mapping[Term, frozenset[Term]]) -> None:
+    assert deed.target is not None
+    if not all(name.role("place") for name in deed.target.names):
+        return
+    there = [thing for thing, at in others.items() if at.intersection(places_of(deed.target))]
+    if there:
+        place = deed.target.text
+        about = replace(deed.phrase, is_only=False, quantity=Quantity("all")).text
+        raise OnlyUnclear(
+            f"{len(there)} other thing{'s are' if len(there) > 1 else ' is'} at {place} already: "
+            f"say 'nothing but {about} may be left in {place}' if that is to go, or leave out "
+            "'only' if it may stay"
+        )
 
 
 def _iris(robots: Sequence[Name]) -> tuple[str, ...]:

@@ -49,6 +49,13 @@ def fitting(phrase: Phrase, prefix: str = "subject") -> Iterator[str]:
         yield f"MINUS {{ ?thing a rt:Exemplar . {_named(name, f'{prefix}_not{number}')} }}"
     for number, (place, is_not) in enumerate(phrase.places):
         yield _located(place, is_not, f"{prefix}_source{number}")
+    for number, name in enumerate(phrase.owners):
+        variable = f"{prefix}_owner{number}"
+        theirs = _terms(variable, _role(name, "owner").terms)
+        own, of_product = f"BIND(?{variable} AS ?thing)", f"?thing rt:exemplarOf ?{variable}"
+        yield f"{{ {theirs} {own} }} UNION {{ {theirs} {of_product} }}"
+    for number, (robot, is_not) in enumerate(phrase.reached_by):
+        yield _reached(robot, is_not, f"{prefix}_reach{number}")
     for number, comparison in enumerate(phrase.comparisons):
         yield _compared(comparison, f"{prefix}_value{number}")
     for number, left_out in enumerate(phrase.left_out):
@@ -112,6 +119,16 @@ def _located(place: Place, is_not: bool, variable: str) -> str:
         f"?thing rt:locatedOn ?{variable}_any . FILTER NOT EXISTS {{ {terms} "
         f"?thing rt:locatedOn ?{variable}{owner} }}"
     )
+
+
+def _reached(robot: Name, is_not: bool, variable: str) -> str:
+    if is_not:
+        raise UsageError(
+            f"what is out of reach of {robot.text} is not known: nobody states that a robot does "
+            "not reach a place; name the things, or the place"
+        )
+    terms = _terms(f"{variable}_robot", _role(robot, "robot").terms)
+    return f"{terms} ?{variable}_robot rt:reaches ?{variable} . ?thing rt:locatedOn ?{variable}"
 
 
 def _compared(comparison: Comparison, variable: str) -> str:

@@ -15,7 +15,7 @@ from rtask.tasks.actions import Select
 from rtask.tasks.language.meaning import Phrase, Place, Quantity, Superlative
 from rtask.tasks.language.patterns import MAX_EXEMPLARS, exemplars_of, fitting, value_of
 
-__all__ = ["most", "ranked", "with_chosen"]
+__all__ = ["measured", "most", "ranked", "with_chosen"]
 
 _FUNCTIONS = "PREFIX rtf: <https://w3id.org/rtask-kg/functions#>\n"
 _WITHIN_M = 1000
@@ -28,6 +28,7 @@ def with_chosen(select: Select, phrase: Phrase) -> list[str]:
 
     "All cups except the heaviest" leaves one out, which the graph alone knows.
     """
+    phrase = measured(select, phrase)
     plain = tuple(item for item in phrase.left_out if item.superlative is None)
     conditions = list(fitting(replace(phrase, left_out=plain)))
     for left_out in phrase.left_out:
@@ -40,6 +41,32 @@ def with_chosen(select: Select, phrase: Phrase) -> list[str]:
         if things:
             conditions = [f"VALUES ?thing {{ {' '.join(map(str, things))} }}"]
     return conditions
+
+
+def measured(select: Select, phrase: Phrase) -> Phrase:
+    """Return a phrase whose comparisons with a thing are comparisons with its measure.
+
+    Raises
+    ------
+    UsageError
+        Which thing is meant is not said, or nobody has measured it.
+    """
+    comparisons = []
+    for item in phrase.comparisons:
+        if item.than is not None:
+            values = _measures(select, with_chosen(select, item.than), item.measure)
+            things = exemplars_of(select, with_chosen(select, item.than))
+            if len(things) != 1:
+                raise UsageError(
+                    f"which {item.than.text} a {item.measure} is compared with is not said: the "
+                    f"graph knows of {len(things)}"
+                )
+            if not values:
+                raise UsageError(f"the {item.measure} of {item.than.text} is not known: state it")
+            item = replace(item, value=next(iter(values.values())), than=None)
+        comparisons.append(item)
+    left_out = tuple(measured(select, item) for item in phrase.left_out)
+    return replace(phrase, comparisons=tuple(comparisons), left_out=left_out)
 
 
 def most(select: Select, phrase: Phrase, conditions: Sequence[str]) -> list[Term]:

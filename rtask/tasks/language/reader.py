@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import datetime
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from rtask.errors import UnknownTermError, UsageError
@@ -19,7 +20,7 @@ from rtask.tasks.language.aims import STAYS, aims_of, holds
 from rtask.tasks.language.grammar.sentences import Reading, readings
 from rtask.tasks.language.items import read_items
 from rtask.tasks.language.lexicon import expanded
-from rtask.tasks.language.limiting import limits_of
+from rtask.tasks.language.limiting import OnlyUnclear, limits_of, only_limits
 from rtask.tasks.language.meaning import Condition, Deed
 from rtask.tasks.language.refusing import names_in, not_understood, why_void
 from rtask.tasks.language.slips import MAX_SLIPS, mistyped
@@ -31,6 +32,8 @@ from rtask.tasks.limits import Limits
 __all__ = ["MAX_TEXT", "Understood", "read_goal"]
 
 _MAX_COMPARED = 12
+_LIMIT_STAGE = -1
+_ONLY = r"\b(?:only|just|exclusively|solely)\b"
 _NOT_NONE = "what nobody has stated may be so all the same"
 
 
@@ -95,9 +98,22 @@ def read_goal(
         )
     try:
         understood = _read(select, plain, base, MAX_SLIPS)
+    except OnlyUnclear as error:
+        raise _without_only(select, plain, base, error) from None
     except (UsageError, UnknownTermError) as error:
         understood = _second_reading(select, plain, base, deadline is not None, error)
     return replace(understood, deadline=deadline)
+
+
+def _without_only(select: Select, text: str, base: str, error: UsageError) -> Exception:
+    """Return an error with what a sentence says without "only", if that can be understood."""
+    left_out = re.findall(_ONLY, text, re.I)
+    sentence = " ".join(re.sub(_ONLY, " ", text, flags=re.I).split())
+    try:
+        understood = _read(select, sentence, base, 0)
+    except (UsageError, UnknownTermError):
+        return error
+    return _with_proposal(error, Proposal(sentence, tuple(left_out)), understood)
 
 
 def _second_reading(
@@ -184,6 +200,9 @@ def _read(select: Select, text: str, base: str, slips: int) -> Understood:
         is_void = any(not ways for ways, *_ in meaning)
         (void if is_void else matches).setdefault(meaning, understood)
         empty += [way] if is_void else []
+    matches = _strictest(matches)
+    if matches:  # "just" is courtesy then
+        errors = [error for error in errors if not isinstance(error, OnlyUnclear)]
     if len(void) == 1 and not matches and not errors:
         # All of these come to the same, so that the first one says what all of them lack.
         reasons = _lacking(select, empty[0])
@@ -191,7 +210,7 @@ def _read(select: Select, text: str, base: str, slips: int) -> Understood:
             raise UnknownTermError(f"{'; '.join(reasons)}; {_NOT_NONE}")
     matches = matches or void or torn
     if not matches:
-        raise errors[0]
+        raise next((e for e in errors if not isinstance(e, OnlyUnclear)), errors[0])
     if len(matches) > 1 or errors or len(ways) > _MAX_COMPARED:
         raise _ambiguous(text, list(matches.values()), errors)
     return next(iter(matches.values()))
@@ -201,20 +220,30 @@ def _understood(select: Select, way: Reading) -> Understood:
     aims: list[Aim] = []
     remarks: dict[str, None] = {}
     limiting: list[Deed] = []
+    limits = Limits()
     for deed, conditions in way.deeds:
         unmet = _unmet_of(select, conditions)
         if unmet:
             remarks.update(dict.fromkeys(unmet))
             continue
-        if deed.is_limit:
+        if deed.is_limit or _is_else(deed):
             limiting.append(deed)
             continue
         of_deed = list(aims_of(select, deed))
         if not of_deed:
             remarks[f"{deed.phrase.text}: there are not more"] = None
         aims += of_deed
-    limits = limits_of(select, limiting, aims)
+        limits |= only_limits(select, deed, of_deed)
+    limits |= limits_of(select, limiting, aims)
     return Understood(tuple(aims), tuple(remarks), limits=limits)
+
+
+def _is_else(deed: Deed) -> bool:
+    """Return whether a deed says that nothing else is to be touched: "the rest stays there"."""
+    phrase = deed.phrase
+    return deed.kind == "stay" and phrase.others and phrase.is_generic and not (
+        phrase.heads or phrase.places or phrase.is_described or phrase.left_out
+    )  # fmt: skip
 
 
 def _lacking(select: Select, way: Reading) -> list[str]:
@@ -255,8 +284,20 @@ def _meaning(select: Select, understood: Understood) -> frozenset[_Meaning]:
         meanings.append((ways, number, aim.stage, aim.others, aim.text.endswith(STAYS)))
     if understood.limits:
         written = json.dumps(understood.limits.to_dict(), sort_keys=True)
-        meanings.append((frozenset([(written,)]), None, -1, False, False))
+        meanings.append((frozenset([(written,)]), None, _LIMIT_STAGE, False, False))
     return frozenset(meanings)
+
+
+def _strictest(
+    matches: Mapping[frozenset[_Meaning], Understood],
+) -> dict[frozenset[_Meaning], Understood]:
+    """Return ways of reading without those that are another one without its limits.
+
+    In "put just the pens away" a word may be courtesy or a limit: who keeps to it does both.
+    """
+    limited = {frozenset(m for m in way if m[2] != _LIMIT_STAGE) for way, read in matches.items()
+               if read.limits}  # fmt: skip
+    return {way: read for way, read in matches.items() if read.limits or way not in limited}
 
 
 def _is_torn(meaning: frozenset[_Meaning]) -> bool:

@@ -262,6 +262,18 @@ class Clauses(Removals):
         for start in self.items.ends(at, "the? places|positions of"):
             yield from self._swapped(start)
 
+    def _changed(self, at: int) -> Iterator[tuple[Clause, int]]:
+        """Yield "the jug and the ball (should) change places"."""
+        for phrase, end in self.phrases.phrases(at):
+            for start in self.items.ends(end, "and|with"):
+                for partner, after in self.phrases.phrases(start):
+                    deed = Deed("swap", phrase, partner=partner)
+                    for begin in (after, *self._duty(after)):
+                        for last in self.items.ends(
+                            begin, "change|swap|switch|exchange|trade DET? places|positions|spots"
+                        ):
+                            yield Clause((deed,), has_verb=True), last
+
     def _verb_last(self, at: int) -> Iterator[tuple[Clause, int]]:
         """Yield "the pens in the left box put", as speakers of other languages say it."""
         for phrases, end in self.phrases.lists(at):
@@ -357,6 +369,7 @@ class Clauses(Removals):
                     for last in (end, *items.ends(end, "left|lying|standing")):
                         yield from self._there_at(none, last)
         yield from self._none(at)
+        yield from self._changed(at)
 
     def _containing(self, place: Place, at: int) -> Iterator[tuple[Clause, int]]:
         """Yield "(the table should) be empty", "be free of cans", "hold all cups"."""
@@ -390,6 +403,10 @@ class Clauses(Removals):
         items = self.items
         if self._is_parallel(phrases, at):
             return
+        for begin in (*items.ends(at, "no longer|more be|stay|remain?"),
+                      *items.ends(at, "not be|stay|remain")):  # fmt: skip
+            for place, after in self.phrases.at_places(begin, "AT"):
+                yield away_from(phrases, place), after
         for start in items.ends(at, "be? STAY"):
             for tail in (*STAYING, "where|as it|they is|are"):
                 for end in items.ends(start, tail):
@@ -427,6 +444,9 @@ class Clauses(Removals):
         bare = replace(phrase, quantity=Quantity("all")) if is_no else phrase
         for place, end in self.phrases.destinations(at):
             yield (away_from((bare,), place) if is_no else clause_of("put", (bare,), place)), end
+            if is_no:  # "nothing on the table except the jug"
+                for left_out, after in self.phrases.exceptions(end, (bare,)):
+                    yield away_from((replace(bare, left_out=left_out),), place), after
         if phrase.places and not phrase.places[-1][1]:
             whole = replace(bare, places=phrase.places[:-1])
             place = phrase.places[-1][0]

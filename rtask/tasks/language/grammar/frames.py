@@ -34,7 +34,7 @@ _COURTESY = (
     "thank you", "hey|hello|hi robot", "would|could|will AGENT", "right now", "as well",
     "at once", "if you please", "for me", "be a dear and",
     "if it is|would not be? too much? of? a? trouble|bother|hassle|work|effort|ask",
-    "if you do not mind", "if possible",
+    "if you do not mind", "if possible", "tidy|tidying up :", "time to tidy up :",
 )  # fmt: skip
 _SURELY = (
     "I would? need|want you to make sure|certain that?", "make sure|certain that?",

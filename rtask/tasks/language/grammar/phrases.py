@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from rtask.tasks.language.grammar.superlatives import Superlatives
+from rtask.tasks.language.grammar.relations import Relations
 from rtask.tasks.language.items import Items
 from rtask.tasks.language.lexicon import ADJECTIVES, CLASSES, STAYING
 from rtask.tasks.language.meaning import Name, Phrase, Place, Quantity
@@ -35,7 +35,7 @@ class _Read:
     is_from: bool = False
 
 
-class Phrases(Superlatives):
+class Phrases(Relations):
     """Rules for phrases in the words of one goal."""
 
     def __init__(self, items: Items) -> None:
@@ -149,7 +149,8 @@ class Phrases(Superlatives):
     def _phrases(self, at: int) -> list[_Read]:
         if at not in self._read:
             self._read[at] = []  # what would begin with itself is no phrase
-            matches = [*self._nominal(at), *self._pronouns(at), *self._whichever(at)]
+            matches = [*self._nominal(at), *self._pronouns(at), *self._whichever(at),
+                       *self._only(at), *self._all_but_most(at)]  # fmt: skip
             self._read[at] = list(dict.fromkeys(matches))
         return self._read[at]
 
@@ -167,6 +168,27 @@ class Phrases(Superlatives):
                     for phrase, stop in self._modified(core, last):
                         is_from = "from" in self.items.words[last:stop]
                         yield _Read(core, phrase, stop, is_bare, is_from)
+
+    def _only(self, at: int) -> Iterator[_Read]:
+        """Yield "only the red cups"."""
+        for start in self.items.ends(at, "only|just|exclusively|solely"):
+            for item in self._phrases(start):
+                quantity = item.phrase.quantity
+                # "only two cups" may be two of them, or two there in the end.
+                if quantity in (None, _ALL) and not (item.phrase.anaphor or item.phrase.others):
+                    core, phrase = (replace(p, is_only=True) for p in (item.core, item.phrase))
+                    yield replace(item, core=core, phrase=phrase)
+
+    def _all_but_most(self, at: int) -> Iterator[_Read]:
+        """Yield "all but the two heaviest cups"."""
+        for start in self.items.ends(at, "all|everything but|except|bar"):
+            for item in self._phrases(start):
+                most = item.phrase
+                if most.superlative is not None and (most.heads or most.is_generic):
+                    whole = replace(most, superlative=None, quantity=_ALL, is_plural=True,
+                                    is_definite=False)  # fmt: skip
+                    phrase = replace(whole, left_out=(most,))
+                    yield _Read(phrase, phrase, item.end, False)
 
     def _whichever(self, at: int) -> Iterator[_Read]:
         """Yield "whichever bottle is the heaviest"."""
@@ -186,11 +208,21 @@ class Phrases(Superlatives):
         for superlative, after in self.superlatives(at) if phrase.superlative is None else ():
             most = replace(phrase, superlative=superlative)
             yield from self._described(most, after)
+            for number, end in self.numbers(after):  # "the heaviest two cups"
+                if phrase.quantity is None and phrase.is_definite:
+                    so_many = replace(most, quantity=Quantity("definite", number))
+                    yield from self._described(replace(so_many, is_definite=False), end)
             for end in self.items.ends(after, "of DET"):
                 single = most.quantity or Quantity("some", 1)
                 yield from self._described(replace(most, quantity=single), end)
         for described, end in self._quality(phrase, at, is_not=False):
             yield from self._described(described, end)
+        for theirs, end in self.owned(phrase, at):
+            yield from self._described(theirs, end)
+            for number, after in self.numbers(end):  # "Anna's two cups"
+                if theirs.quantity is None:
+                    counted = replace(theirs, quantity=Quantity("definite", number))
+                    yield from self._described(replace(counted, is_definite=False), after)
         use = self.items.name(at, "use")
         if use is not None and not phrase.heads:  # "drinking cups"
             yield from self._described(replace(phrase, heads=(use,)), use.mentions[0].end)
@@ -325,8 +357,14 @@ class Phrases(Superlatives):
                 for place, after in self.at_places(end, "AT"):
                     yield _Read(phrase, replace(phrase, places=((place, False),)), after, False)
         for end in ends(at, "what|whatever is|are"):  # "whatever is red"
-            for phrase, after in self._predicate(everything, end, is_not=False):
-                yield _Read(everything, phrase, after, False)
+            for start in (*self._predicate(everything, end, is_not=False),
+                          *self.within_reach(everything, end)):  # fmt: skip
+                for phrase, after in self._modified(*start):
+                    yield _Read(everything, phrase, after, False)
+        for end in ends(at, "what|whatever|all|everything|anything"):  # "whatever nao-1 can reach"
+            for reached, last in self.related(everything, end):
+                for phrase, after in self._modified(reached, last):
+                    yield _Read(everything, phrase, after, False)
         for end in ends(at, "it|them|they|these|those"):
             phrase = Phrase(anaphor=self.items.word(at))
             yield _Read(phrase, phrase, end, False)
@@ -366,6 +404,9 @@ class Phrases(Superlatives):
                 for names, end in self._alternatives(start, "material"):
                     yield replace(phrase, materials=(*phrase.materials, (names, False))), end
         yield from self.compared(phrase, at)
+        for start in ends(at, ",? that|which is|are"):
+            yield from self.compared(phrase, start)
+        yield from self.related(phrase, at)
         yield from self.superlative_after(phrase, at)
         if phrase.quantity == _ALL:  # "all cups but one"
             for start in ends(at, ",? but|except|bar|minus"):
@@ -388,6 +429,7 @@ class Phrases(Superlatives):
                 yield replace(phrase, materials=(*phrase.materials, (names, is_not))), end
         if not is_not:
             yield from self.compared(phrase, at)
+            yield from self.owner_predicate(phrase, at)
             return
         for start in self.items.ends(at, "a|an?"):
             name = self.items.name(start, "kind")

@@ -116,6 +116,7 @@ class Superlatives(Places):
     def _value(
         self, phrase: Phrase, at: int, measure: str, is_above: bool
     ) -> Iterator[tuple[Phrase, int]]:
+        yield from self._than_thing(phrase, at, measure, is_above)
         word, unit = self.items.word(at), UNITS.get(self.items.word(at + 1))
         number = word.replace(",", ".")
         if unit is None or not number.replace(".", "", 1).isdecimal():
@@ -124,3 +125,15 @@ class Superlatives(Places):
         if dimension == ("mass" if measure == "mass" else "length") and measure != "size":
             comparison = Comparison(measure, is_above, float(number) * factor)
             yield replace(phrase, comparisons=(*phrase.comparisons, comparison)), at + 2
+
+    def _than_thing(
+        self, phrase: Phrase, at: int, measure: str, is_above: bool
+    ) -> Iterator[tuple[Phrase, int]]:
+        """Yield a phrase with the measure of one thing as its bound: "heavier than the jug"."""
+        if self.items.word(at - 1) != "than":
+            return
+        for than, end in self.phrases(at):
+            is_one = than.quantity is None and than.heads and not (than.is_plural or than.others)
+            if is_one and not than.comparisons:
+                comparison = Comparison(measure, is_above, 0.0, than)
+                yield replace(phrase, comparisons=(*phrase.comparisons, comparison)), end

@@ -40,6 +40,11 @@ def _changes(span: Span, spans: Sequence[Span], before: Span | None, after: Span
         return was != "is"
     if span.text == "after" and next_ == "that":
         return False
+    if span.text.endswith(("'s", "\u2019s", "s'")):  # whose it is
+        return True
+    if span.text in ("with", "containing", "long", "full"):  # what is in it, and how long
+        return next_ == "as" or (before is not None and before.kind == "thing") or (
+            span.text == "full")  # fmt: skip
     if span.text in BLOCKING:
         return not _is_harmless(span, spans)
     if span.kind == "anaphor":  # "everything off it": which place that is, nobody has said
