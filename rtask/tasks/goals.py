@@ -17,8 +17,10 @@ from rtask.tasks.limits import Limits
 from rtask.tasks.patterns import Pattern, expanded, parse_pattern
 from rtask.tasks.planning.problem import Atom, Goal
 
-__all__ = ["LOCATED", "MAX_GOALS", "MAX_JSON", "MAX_TEXT", "NO_LIMITS", "Aim", "Target", "goal_text",
-           "read_aims", "settled_goal", "targets"]  # fmt: skip
+__all__ = [
+    "LOCATED", "MAX_GOALS", "MAX_JSON", "MAX_TEXT", "NO_LIMITS", "Aim", "Target", "goal_text",
+    "read_aims", "settled_goal", "targets",
+]  # fmt: skip
 
 MAX_AIMS = 50
 """Most goals of one JSON object."""

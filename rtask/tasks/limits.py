@@ -1,7 +1,7 @@
 """Limits of a plan: who alone may do its steps, who may not, and what may not be touched.
 
-They hold for all that is done for a goal: for the plan, for every plan that is made of it again, and
-for what only helps, such as putting aside what is in the way.
+They hold for all that is done for a goal: for the plan, for every plan that is made of it again,
+and for what only helps, such as putting aside what is in the way.
 """
 
 from __future__ import annotations

@@ -89,12 +89,15 @@ def store_plan(
     Raises
     ------
     UsageError
-        There is no plan, it has no step, or a part of the goal is out of reach and no part is
-        allowed.
+        There is no plan, it has no step, a part of the goal is out of reach and no part is
+        allowed, or its deadline is over, so that no step would ever be begun.
     ForbiddenError
         The agent may not write; nothing is stored.
     """
     order = (order or Order()).due_by(plan.deadline)
+    if order.deadline is not None and order.deadline <= dt.datetime.now(dt.UTC):
+        over = order.deadline.isoformat(timespec="seconds")
+        raise UsageError(f"the deadline {over} is over already: no step would ever be begun")
     if plan.refusals and not order.allows_part:
         raise UsageError(
             f"only a plan for the whole goal can be stored; not possible: {plan.refusals[0].goal}. "

@@ -17,6 +17,7 @@ from typing import Any
 
 from rtask.errors import RtaskError
 from rtask.rdf.namespaces import PREFIXES
+from rtask.tasks.limits import limited
 from simulate.grasping.record import phase_of
 from simulate.tasks.actions import NOT_SEEN
 from simulate.tasks.executor import Graph
@@ -130,7 +131,7 @@ class Rearranging:
             try:
                 if moved in self.planner.call("plan_goal", goal=goal)["names"]:
                     continue
-                back = f"<{moved}> rt:locatedOn <{place}>"
+                back = limited(f"<{moved}> rt:locatedOn <{place}>", goal)
                 answer = self.planner.call("plan_goal", goal=back)
                 if not answer["complete"] or not answer["steps"]:
                     continue
@@ -168,7 +169,9 @@ class Rearranging:
         if moved != item:  # there it would soon be in the way again
             places.sort(key=lambda at: at in needed)
         for elsewhere in places:
-            goal = f"<{moved}> rt:locatedOn <{elsewhere}>"
+            # What the goal forbids is forbidden to those who help it, too.
+            own = plan["settled"] or plan["goal"]
+            goal = limited(f"<{moved}> rt:locatedOn <{elsewhere}>", own)
             try:
                 answer = self.planner.call("plan_goal", goal=goal)
                 if not answer["complete"] or not answer["steps"] or _is_by(answer, but):

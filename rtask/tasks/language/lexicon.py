@@ -88,9 +88,10 @@ CLASSES = {
         "belongings gear bit piece article",
         "CONTAIN": "contains holds has",
         "EMPTY": "empty clear free cleared emptied",
-        "TOUCH": "touch move disturb handle displace shift take pick grab lift bother remove relocate",
-        "TOUCHING": "touching moving disturbing handling displacing shifting taking picking grabbing "
-        "lifting bothering removing relocating",
+        "TOUCH": "touch move disturb handle displace shift take pick grab lift bother remove "
+        "relocate",
+        "TOUCHING": "touching moving disturbing handling displacing shifting taking picking "
+        "grabbing lifting bothering removing relocating",
         "TOUCHED": "touched moved disturbed handled displaced shifted taken picked grabbed lifted "
         "removed relocated move",
         "TASK": "task job work goal",

@@ -203,8 +203,10 @@ class Phrase:
     @property
     def is_described(self) -> bool:
         """Whether it says what its things are like."""
-        return bool(self.colours or self.materials or self.traits or self.kinds_not
-                    or self.comparisons or self.superlative or self.owners or self.reached_by)  # fmt: skip
+        return bool(
+            self.colours or self.materials or self.traits or self.kinds_not or self.comparisons
+            or self.superlative or self.owners or self.reached_by
+        )  # fmt: skip
 
     @property
     def text(self) -> str:

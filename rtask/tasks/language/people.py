@@ -1,4 +1,4 @@
-"""Names of people and robots in a goal: whose things are, and robots by the first part of a name."""
+"""Names of people and robots in a goal: whose things are, and robots by part of a name."""
 
 from __future__ import annotations
 

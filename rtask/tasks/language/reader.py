@@ -107,6 +107,8 @@ def read_goal(
 
 def _without_only(select: Select, text: str, base: str, error: UsageError) -> Exception:
     """Return an error with what a sentence says without "only", if that can be understood."""
+    if re.search(r"\b(?:contain|hold|have|may|can|could|allowed|permitted)s?\b", text, re.I):
+        return error  # how a place is to be: to leave out "only" would turn that around
     left_out = re.findall(_ONLY, text, re.I)
     sentence = " ".join(re.sub(_ONLY, " ", text, flags=re.I).split())
     try:

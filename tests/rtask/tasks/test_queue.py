@@ -113,7 +113,11 @@ def test_priority_deadline_and_cancelling_decide_what_comes_next(engine):
     first = claim(engine, AS_PANDA)
     assert first.arguments["thing"] == CUP
     engine.call("end_step", {"task": first.task, "result": "released"}, AS_PANDA)
-    late = store(engine, "the pen into the right box", deadline=NOW.timestamp(), replaces=cup)
+    with pytest.raises(UsageError, match="over already"):
+        store(engine, "the pen into the right box", deadline=NOW.timestamp(), replaces=cup)
+    late = store(engine, "the pen into the right box", replaces=cup)
+    due = f'<{late}> rt:taskDeadline "{NOW.isoformat()}"^^xsd:dateTimeStamp'
+    engine.kb.update(f"{PREFIXES} INSERT DATA {{ GRAPH <{BASE}graph/shared> {{ {due} }} }}")
     assert not claim(engine, AS_PANDA).claimed
     states = {p.task: p.state for p in engine.call("list_plans", {"state": "all"}, ANN).plans}
     assert states == {cup: "replaced", pen: "cancelled", late: "late"}
@@ -123,8 +127,8 @@ def test_a_plan_that_will_be_late_is_stored_with_a_word_of_warning(engine):
     def stored(deadline):
         return engine.call("store_plan", {"goal": GOAL, "deadline": deadline}, ANN)
 
-    due = stored(time.time() + 1.0)
-    assert due.late_s >= due.duration_s - 1.0  # and more, by what planning takes
+    due = stored(time.time() + 10.0)
+    assert due.late_s >= due.duration_s - 10.0 > 0.0  # and more, by what planning takes
     assert stored(time.time() + 1e6).late_s == 0.0
 
 

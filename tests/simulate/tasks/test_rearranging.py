@@ -139,6 +139,18 @@ def test_what_stands_in_the_way_of_a_thing_that_nobody_else_can_move_is_taken_aw
     assert world.lab.where[JUG] in goal
 
 
+@pytest.mark.parametrize("limit", [{"untouched": [PEN]}, {"only_touch": [JUG]}])
+def test_what_the_goal_keeps_untouched_is_not_taken_out_of_the_way_either(world, limit):
+    add_shelf(world)
+    world.lab = read_lab(world.planner.query, np.random.default_rng(3))
+    world.store(json.dumps({"achieve": f"<{JUG}> rt:locatedOn <{RIGHT}>", **limit}))
+    crew = world.crew()
+    crew.robots[PANDA].body = Hemmed(world.lab.robot(PANDA), "grasp_collision")
+    (ended,) = crew.work()
+    assert ended.result == "given_up"
+    assert PEN not in {item for _, _, item in world.lab.done}
+
+
 @pytest.mark.parametrize(
     ("more", "pen"), [("", TABLE), (f" . <{PEN}> rt:locatedOn <{RIGHT}>", RIGHT)]
 )

@@ -236,6 +236,8 @@ class Clauses(Removals):
     def _used(self, at: int) -> Iterator[tuple[Clause, int]]:
         """Yield "(use) the left box for the pens and the right one for the cups"."""
         for place, end in self.phrases.places(at):
+            if not all(name.role("place") for name in place.names):
+                continue  # "use the panda for the pens" may be who, or where to
             for start in self.items.ends(end, "for"):
                 for phrases, after in self.phrases.lists(start):
                     clause = clause_of("put", phrases, place)

@@ -54,7 +54,7 @@ class Limitations:
     def limits(self, at: int) -> Iterator[tuple[Clause, int]]:
         """Yield what limits a goal, as a sentence of its own or beside it."""
         for deeds, end in self._limits(at):
-            for after in (end, *self.items.ends(end, "either|though|please|at all|for|under|TASK"),
+            for after in (end, *self.items.ends(end, "either|though|please"),
                           *self.items.ends(end, "at all"),
                           *self.items.ends(end, "for|in|with|on this|that|it TASK?"),
                           *self.items.ends(end, "under any circumstances")):  # fmt: skip
@@ -92,7 +92,7 @@ class Limitations:
             yield _ELSE, end
             for tail in _AS_IS:
                 yield from ((_ELSE, after) for after in items.ends(end, tail))
-        for end in (*items.ends(at, "and? nothing else"), *items.ends(at, "and? no others?")):
+        for end in (*items.ends(at, "and? nothing else"), *items.ends(at, "and? no other|others")):
             yield _ELSE, end
         for phrases, end in self.phrases.lists(at):
             for pattern in _MAY_NOT:
@@ -157,8 +157,8 @@ class Limitations:
                             items.ends(end, "alone|only|exclusively|solely"))  # fmt: skip
         for start in items.ends(at, "use|take only|just?"):
             for robots, end in self.robots(start):
-                for last in (end, *items.ends(end, "alone|only"), *items.ends(end, "for this|it|that"),
-                             *items.ends(end, "alone|only for this|it|that")):  # fmt: skip
+                for last in (*items.ends(end, "alone|only?"),
+                             *items.ends(end, "alone|only? for this|it|that")):  # fmt: skip
                     yield _only(robots), last
         for robots, end in self.robots(at):
             yield from ((_only(robots), last) for last in items.ends(end, "only|alone"))
