@@ -26,13 +26,14 @@ AWAY = frozenset(["take", "get", "grab", "fetch", "throw", "bring", "move", "put
 """Verbs that take things off a place; what is lifted out of a box may be meant to be held."""
 NUMBERS = {
     "one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6, "seven": 7, "eight": 8,
-    "nine": 9, "ten": 10, "eleven": 11, "twelve": 12,
+    "nine": 9, "ten": 10, "eleven": 11, "twelve": 12, "fifteen": 15, "twenty": 20, "thirty": 30,
+    "forty": 40, "fifty": 50, "sixty": 60, "ninety": 90,
 }  # fmt: skip
 SHARES = {"half": 1 / 2, "third": 1 / 3, "quarter": 1 / 4}
 STAYING = (
     "alone|untouched|unmoved|undisturbed|be|there", "in place", "in its|their place|places|spot",
     "where|wherever it|they is|are currently|now?", "where|wherever it|they LIE",
-    "as it|they is|are", "just? there|here", "on|in it", "exactly where it|they is|are", "put",
+    "as it|they is|are", "just? there|here", "on|in it|there", "exactly where it|they is|are", "put",
     "right? where it|they is|are", "at its|their place|places", "out", "behind",
 )  # fmt: skip
 """What follows things that are to stay: "leave the jug where it is"."""
@@ -115,7 +116,7 @@ _SPELT = (
     (r"\b(\d+(?:\.\d+)?)(kg|g|cm|mm)\b", r"\1 \2"),
     # "the left or the right box" and "the box on the left" have the names of the places in them.
     (r"\b(left|right)\s+or\s+(?:the\s+)?(left|right)\s+(\w+)", r"\1 \3 or \2 \3"),
-    (r"\b(box|half|part|table|shelf|bin|tray)\s+on the (left|right)"
+    (r"\b(box|half|part|table|shelf|bin|tray)\s+(?:on|of|at|to) the (left|right)"
      r"(?=\s*(?:$|[,;.!]|\b(?:and|then|into|onto|from|in|on|to)\b))", r"\2 \1"),
 )  # fmt: skip
 

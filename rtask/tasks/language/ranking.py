@@ -127,6 +127,8 @@ def ranked(
 
 def _is_reference(select: Select, to: Place | None, thing: Term) -> bool:
     """Return whether a thing is what distances count from, which is not near itself."""
+    if to is not None and to.holds is not None:
+        return thing in exemplars_of(select, with_chosen(select, to.holds))
     mention = to.names[0].role("thing", "object") if to is not None else None
     return mention is not None and to is not None and thing in _terms_of(select, mention)
 
@@ -156,9 +158,12 @@ def _distances(select: Select, conditions: Sequence[str], to: Place) -> dict[Ter
 
 def _reference(select: Select, to: Place) -> Term:
     """Return the one thing, robot or place that distances count from."""
-    mention = to.names[0].role("place", "robot", "thing", "object")
-    assert mention is not None
-    terms = _terms_of(select, mention)
+    if to.holds is not None:
+        terms = tuple(exemplars_of(select, with_chosen(select, to.holds)))
+    else:
+        mention = to.names[0].role("place", "robot", "thing", "object")
+        assert mention is not None
+        terms = _terms_of(select, mention)
     if len(terms) != 1:
         raise UsageError(
             f"nearest to which {to.text} is not said: the graph knows of {len(terms)}; name it"

@@ -55,7 +55,7 @@ def mistyped(items: Items, names: Iterable[str]) -> Slip | None:
     word = items.word(at)
     if not word.isalpha() or at in items.names:
         return None
-    lower = [name.lower() for name in names if name.isalpha()]
+    lower = {word.lower() for name in names for word in name.split() if word.isalpha()}
     nouns = {form for name in lower for form in (name, f"{name}s")}
     meant = {
         expected for expected in items.expected.get(at, ()) if _is_slip(word, expected, _MIN_WORD)

@@ -124,6 +124,8 @@ class Clauses(Removals):
             yield from self._put(at + 1, "pick", "")
         if items.is_verb(at, _CLEAR):
             yield from self.cleared(at + 1)
+        for start in items.ends(at, "clean up"):  # "clean the table" may be wiping it
+            yield from self.cleared(start)
         if items.is_verb(at, _SWAP):
             yield from self._swapped(at + 1)
         for start in (*items.ends(at, "remove|removing|removes|lose"),
@@ -261,6 +263,13 @@ class Clauses(Removals):
                     deed = Deed("swap", phrase, partner=partner)
                     for last in (after, *self.items.ends(after, "around|over|places")):
                         yield Clause((deed,), has_verb=True), last
+        for start in self.items.ends(at, "the? contents of"):
+            for place, end in self.phrases.places(start):
+                for begin in self.items.ends(end, "and|with"):
+                    for other, after in self.phrases.places(begin):
+                        here, there = (replace(EVERYTHING, places=((p, False),))
+                                       for p in (place, other))  # fmt: skip
+                        yield Clause((Deed("swap", here, partner=there),), has_verb=True), after
         for start in self.items.ends(at, "the? places|positions of"):
             yield from self._swapped(start)
 
@@ -288,7 +297,7 @@ class Clauses(Removals):
     def _wished(self, at: int) -> Iterator[tuple[Clause, int]]:
         """Yield what a wish is about: "that all cups are in the box", "the cups gone"."""
         for phrases, end in self.phrases.lists(at):
-            for start in (end, *self.items.ends(end, "MUST|BE")):
+            for start in (end, *self.items.ends(end, "MUST|BE|can|could|would|might")):
                 yield from self._state(phrases, start)
             if self._is_parallel(phrases, end):
                 continue
@@ -320,7 +329,8 @@ class Clauses(Removals):
             for place, after in self.off(end):
                 yield away_from(phrases, place), after
         for place, end in self.phrases.destinations(at):  # "in the left box goes the ball"
-            for start in items.ends(end, "go|goes|belong|belongs?"):
+            for start in (*items.ends(end, "go|goes|belong|belongs?"),
+                          *items.ends(end, "I|we would? WANT to? have|see?")):  # fmt: skip
                 for phrases, after in self.phrases.lists(start):
                     yield Clause(deeds_of("put", phrases, place)), after
             for start in items.ends(end, "with"):  # "onto the shelf with the cups"
@@ -456,6 +466,10 @@ class Clauses(Removals):
 
     def _none(self, at: int) -> Iterator[tuple[Clause, int]]:
         """Yield "no cup may stay on the table", "nothing but cups may be left on it"."""
+        for start in self.items.ends(at, "no more"):  # "(see) no more pens on the table"
+            for phrase, end in self.phrases.phrases(start):
+                if phrase.quantity is None:
+                    yield from self._there_at(replace(phrase, quantity=Quantity("no")), end)
         for start in self.items.ends(at, "nothing but|except|besides"):
             for left_out, end in self.phrases.lists(start):
                 for begin in self.items.ends(end, "MODAL|is to? BE? STAY STAY?"):

@@ -183,7 +183,7 @@ class Limitations:
         It is said of one clause: whose a second one would be is not clear.
         """
         items = self.items
-        for pattern, tail in (("use only|just?", "to"), ("let|have|make|only let", ""),
+        for pattern, tail in (("use only|just?", "to"), ("let|have|make", ""), ("only let", ""),
                               ("get|ask|tell only?", "to"), ("I|we WANT only?", "to"),
                               ("with only?", "alone|only|exclusively? ,|:?")):  # fmt: skip
             for start in items.ends(at, pattern):

@@ -119,8 +119,10 @@ class Phrases(Relations):
                         named = [self._with_head(item, of) for item in left_out]
                         # "all but two cups": which two are left out, nobody has said.
                         if not all(
-                            item is not None and item.quantity in (None, _ALL) and not item.others
-                            and not item.anaphor for item in named
+                            item is not None and not item.others and not item.anaphor
+                            and (item.quantity in (None, _ALL)
+                                 or (said.is_elided and item.superlative is not None))
+                            for said, item in zip(left_out, named, strict=True)
                         ):  # fmt: skip
                             continue
                         out = tuple(item for item in named if item is not None)
@@ -380,7 +382,8 @@ class Phrases(Relations):
 
     def _modifier(self, phrase: Phrase, at: int) -> Iterator[tuple[Phrase, int]]:
         ends = self.items.ends
-        for start in (at, *ends(at, "LIE")):
+        for start in (at, *ends(at, "LIE around|about?"),
+                      *ends(at, "currently|now|still|presently LIE?")):  # fmt: skip
             for place, end in self.at_places(start, "AT"):
                 yield replace(phrase, places=(*phrase.places, (place, False))), end
         for place, end in self.at_places(at, "from|of"):
@@ -390,7 +393,7 @@ class Phrases(Relations):
                     both = _any_of(place, other)
                     if both is not None:
                         yield replace(phrase, places=(*phrase.places, (both, False))), after
-        for start in ends(at, ",? that|which|who BE|LIE"):
+        for start in ends(at, ",? and? that|which|who BE|LIE"):
             for end in ends(start, "still|currently|now?"):
                 resolved = [*self._predicate(phrase, end, is_not=False)]
                 for after in ends(end, "not"):

@@ -118,7 +118,7 @@ class _Program:
         if word == ",":
             for end in (at + 1, *self.items.ends(at + 1, "and|but")):
                 yield end, False
-        if word == "and":
+        if word in ("and", "but"):
             yield at + 1, False
         if word in CLASSES["LATER"]:
             yield at, False

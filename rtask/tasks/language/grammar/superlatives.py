@@ -58,6 +58,10 @@ class Superlatives(Places):
         for place, end in self.places(at):
             if len(place.names) == 1 and place.owner is None:
                 yield place, end
+        for phrase, end in self.phrases(at):  # "closest to the ball": one thing of a kind
+            is_one = phrase.is_definite and phrase.quantity is None and not phrase.is_plural
+            if is_one and any(name.role("kind") for name in phrase.heads):
+                yield Place(holds=phrase), end
 
     def superlative_after(self, phrase: Phrase, at: int) -> Iterator[tuple[Phrase, int]]:
         """Yield a phrase with what stands behind its noun: "(the cup) nearest to the jug"."""
@@ -85,7 +89,9 @@ class Superlatives(Places):
     def whichever(self, at: int) -> Iterator[int]:
         """Yield the words where the noun of "whichever (of the) cups is the heaviest" begins."""
         yield from self.items.ends(at, "whichever|whatever")
-        yield from self.items.ends(at, "whichever of DET")
+        for end in self.items.ends(at, "whichever of DET"):
+            yield end
+            yield from (after for _, after in self.numbers(end))
 
     def chosen(self, phrase: Phrase, at: int) -> Iterator[tuple[Phrase, int]]:
         """Yield a phrase with "is the heaviest" behind it, which chooses one of its things."""
@@ -94,6 +100,9 @@ class Superlatives(Places):
                 single = replace(phrase, superlative=superlative, quantity=Quantity("some", 1))
                 yield single, end
                 yield from ((single, after) for after in self.items.ends(end, "one"))
+            for superlative, end in self.comparatives(start):
+                of_two = Quantity("some", 1, 2)
+                yield replace(phrase, superlative=superlative, quantity=of_two), end
 
     def compared(self, phrase: Phrase, at: int) -> Iterator[tuple[Phrase, int]]:
         """Yield a phrase with a bound on a measure: "heavier than 300 g", "weighing over 1 kg"."""

@@ -283,14 +283,19 @@ def _other(phrase: Phrase, before: list[Deed]) -> Phrase | None:
 
 def _in_place(deed: Deed, unit: Unit, resolved: Sequence[tuple[Deed, object]]) -> Deed | None:
     """Return a deed with the place that "there" and "it" stand for."""
-    if deed.target is None or not deed.target.anaphor:
-        return deed
     asked: set[Place] = set()
     for condition, _ in unit.conditions:
         places = [condition.place] if condition.place is not None else []
         for phrase in (condition.phrase, condition.quality):
             places += [place for place, _ in phrase.places] if phrase is not None else []
         asked.update(places)
+    if len(asked) == 1:  # "if the table is not empty, put what is on it away"
+        named = next(iter(asked))
+        own = tuple((named if place.anaphor else place, is_not)
+                    for place, is_not in deed.phrase.places)  # fmt: skip
+        deed = replace(deed, phrase=replace(deed.phrase, places=own))
+    if deed.target is None or not deed.target.anaphor:
+        return deed
     if not asked:
         done = [item.target or item.source for item, _ in resolved]
         asked = {place for place in done[-1:] if place is not None}

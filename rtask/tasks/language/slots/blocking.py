@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rtask.asking.questions.words import stem
-from rtask.tasks.language.slots.frames import Frame
+from rtask.tasks.language.slots.frames import Frame, is_talk
 from rtask.tasks.language.slots.lexicon import (
     BLOCKING,
     DETERMINERS,
@@ -26,11 +26,22 @@ def is_blocked(spans: Sequence[Span], frames: Sequence[Frame], loose: Sequence[S
     """Return whether a word that fills no slot may change the goal."""
     before = {span: spans[at - 1] for at, span in enumerate(spans) if at}
     after = {span: spans[at + 1] for at, span in enumerate(spans[:-1])}
+    if any(span.kind == "robot" for span in loose):  # who does it, or what it is about
+        return True
+    if any(_is_further(span, spans, frames) for span in loose):
+        return True
     return (
         any(_changes(span, spans, before.get(span), after.get(span)) for span in loose)
         or any(_is_narrowed(frame, spans) for frame in frames)
         or any(_is_state(span, frames, before.get(span), after.get(span)) for span in loose)
     )
+
+
+def _is_further(span: Span, spans: Sequence[Span], frames: Sequence[Frame]) -> bool:
+    """Return whether "it" stands behind all slots, in a deed of its own: "and take it out again"."""
+    if span.kind != "anaphor" or span.start < max(x.end for f in frames for x in f.spans):
+        return False
+    return not is_talk(spans, span.clause)
 
 
 def _changes(span: Span, spans: Sequence[Span], before: Span | None, after: Span | None) -> bool:

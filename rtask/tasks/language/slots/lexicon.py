@@ -21,7 +21,8 @@ BLOCKING = frozenset(
      "same", "other", "others", "another", "rest", "swap", "exchange", "between", "least",
      "last", "tomorrow", "tonight", "monday", "tuesday", "wednesday", "thursday", "friday",
      "saturday", "sunday", "stop", "stops", "refuse", "forbid", "prevent", "hate", "empty",
-     "emptied", "clear", "cleared", "fill", "filled", "tidy", "tidied")
+     "forget", "forgot", "impossible", "pretend", "imagine", "said", "says", "told", "hope",
+     "hopes", "nearly", "almost", "emptied", "clear", "cleared", "fill", "filled", "tidy", "tidied")
 )  # fmt: skip
 """Negation, scope, conditions, times, questions and the past: dropped, they change the goal."""
 DETERMINERS = frozenset(

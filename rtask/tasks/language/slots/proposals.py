@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from rtask.asking.questions.words import stem
 from rtask.tasks.language.items import Items
+from rtask.tasks.language.lexicon import CLASSES
 from rtask.tasks.language.slots.blocking import is_blocked
 from rtask.tasks.language.slots.frames import Frame, filled, is_talk
 from rtask.tasks.language.slots.lexicon import MOVEMENT, NOT_YET, SILENT
@@ -21,6 +22,9 @@ __all__ = ["Proposal", "propose"]
 _QUESTIONS = frozenset(
     ("is", "are", "am", "do", "has", "where", "should", "shall", "must", "may", "ought")
 )  # fmt: skip
+
+
+_PEOPLE = frozenset(("someone", "somebody", "anyone", "anybody", "everyone", "people"))
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,7 @@ class Proposal:
 
 def propose(items: Items) -> Proposal | None:
     """Return what a sentence seems to ask for; None where a word could change that."""
-    if items.word(0) in _QUESTIONS:
+    if items.word(0) in _QUESTIONS or _is_told(items):
         return None
     spans = read_spans(items)
     frames = filled(spans)
@@ -73,6 +77,11 @@ def propose(items: Items) -> Proposal | None:
     targets = [frame.target for frame in frames if frame.target is not None]
     guessed = [items.text(t.start, t.end) for t in targets if t.preposition in ("", "near")]
     return Proposal(_sentence(frames), tuple(left_out), tuple(guessed))
+
+
+def _is_told(items: Items) -> bool:
+    """Return whether it is told what people did: "someone put the cups away"."""
+    return items.word(0) in _PEOPLE and items.word(1) not in (*CLASSES["MODAL"], "please", ",")
 
 
 def _sentence(frames: Sequence[Frame]) -> str:
