@@ -33,7 +33,8 @@ SHARES = {"half": 1 / 2, "third": 1 / 3, "quarter": 1 / 4}
 STAYING = (
     "alone|untouched|unmoved|undisturbed|be|there", "in place", "in its|their place|places|spot",
     "where|wherever it|they is|are currently|now?", "where|wherever it|they LIE",
-    "as it|they is|are", "just? there|here", "on|in it|there", "exactly where it|they is|are", "put",
+    "as it|they is|are", "just? there|here", "on|in it|there", "exactly where it|they is|are",
+    "put",
     "right? where it|they is|are", "at its|their place|places", "out", "behind",
 )  # fmt: skip
 """What follows things that are to stay: "leave the jug where it is"."""

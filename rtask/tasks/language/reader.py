@@ -293,13 +293,20 @@ def _meaning(select: Select, understood: Understood) -> frozenset[_Meaning]:
 def _strictest(
     matches: Mapping[frozenset[_Meaning], Understood],
 ) -> dict[frozenset[_Meaning], Understood]:
-    """Return ways of reading without those that are another one without its limits.
+    """Return ways of reading, of those that differ in their limits alone one that keeps to all.
 
     In "put just the pens away" a word may be courtesy or a limit: who keeps to it does both.
     """
-    limited = {frozenset(m for m in way if m[2] != _LIMIT_STAGE) for way, read in matches.items()
-               if read.limits}  # fmt: skip
-    return {way: read for way, read in matches.items() if read.limits or way not in limited}
+    goals: dict[frozenset[_Meaning], tuple[frozenset[_Meaning], Understood]] = {}
+    for way, read in matches.items():
+        bare = frozenset(item for item in way if item[2] != _LIMIT_STAGE)
+        if bare in goals:
+            earlier, kept = goals[bare]
+            both = replace(kept, limits=kept.limits | read.limits)
+            goals[bare] = (way if read.limits else earlier), both
+        else:
+            goals[bare] = way, read
+    return dict(goals.values())
 
 
 def _is_torn(meaning: frozenset[_Meaning]) -> bool:

@@ -472,7 +472,7 @@ class Clauses(Removals):
                     yield from self._there_at(replace(phrase, quantity=Quantity("no")), end)
         for start in self.items.ends(at, "nothing but|except|besides"):
             for left_out, end in self.phrases.lists(start):
-                for begin in self.items.ends(end, "MODAL|is to? BE? STAY STAY?"):
+                for begin in self.items.ends(end, "MODAL|is to? BE? STAY|belongs|goes STAY?"):
                     for place, after in self.phrases.destinations(begin):
                         yield away_from((replace(EVERYTHING, left_out=left_out),), place), after
         for phrase, end in self.phrases.phrases(at):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rtask.asking.questions.words import stem
+from rtask.tasks.language.lexicon import NUMBERS
 from rtask.tasks.language.slots.frames import Frame, is_talk
 from rtask.tasks.language.slots.lexicon import (
     BLOCKING,
@@ -38,7 +39,7 @@ def is_blocked(spans: Sequence[Span], frames: Sequence[Frame], loose: Sequence[S
 
 
 def _is_further(span: Span, spans: Sequence[Span], frames: Sequence[Frame]) -> bool:
-    """Return whether "it" stands behind all slots, in a deed of its own: "and take it out again"."""
+    """Return whether "it" stands behind all slots, in a deed of its own: "and take it out"."""
     if span.kind != "anaphor" or span.start < max(x.end for f in frames for x in f.spans):
         return False
     return not is_talk(spans, span.clause)
@@ -53,9 +54,11 @@ def _changes(span: Span, spans: Sequence[Span], before: Span | None, after: Span
         return False
     if span.text.endswith(("'s", "\u2019s", "s'")):  # whose it is
         return True
-    if span.text in ("with", "containing", "long", "full"):  # what is in it, and how long
+    if span.text in ("with", "containing", "long", "soon", "full"):  # what is in it, and how long
         return next_ == "as" or (before is not None and before.kind == "thing") or (
             span.text == "full")  # fmt: skip
+    if was == "at" and (span.text.isdecimal() or span.text in NUMBERS):  # a time
+        return True
     if span.text in BLOCKING:
         return not _is_harmless(span, spans)
     if span.kind == "anaphor":  # "everything off it": which place that is, nobody has said
