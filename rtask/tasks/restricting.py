@@ -36,9 +36,9 @@ def objects_within(
     if not limits:
         return objects
     workers = _kinds(actions, "assignedTo")
-    known = {robot for kind in workers for robot in objects.get(kind, ())}
+    robots = {robot for kind in workers for robot in objects.get(kind, ())}
     for worker in limits.by:
-        if worker not in known:
+        if worker not in robots:
             raise UnknownTermError(f"the graph has no robot <{worker}> that could do it")
     # A robot may also be a thing to others: one that does nothing can still be carried.
     left = {**objects}
@@ -110,7 +110,7 @@ def or_without_limits(
         )
         return Refusal(lack.goal, text, (), {})
     if limits.not_by or limits.untouched or limits.only_touch is not None:
-        kept = "who is not to do it" if limits.not_by else "what is not to be touched"
-        kept = "what is not to be" if limits.not_by and limits.untouched else kept
-        return replace(lack, text=f"{lack.text}; or allow it: leave out {kept}")
+        limit = "who is not to do it" if limits.not_by else "what is not to be touched"
+        limit = "what is not to be" if limits.not_by and limits.untouched else limit
+        return replace(lack, text=f"{lack.text}; or allow it: leave out {limit}")
     return replace(lack, text=f"{lack.text}; or let other robots help: leave out who is to do it")

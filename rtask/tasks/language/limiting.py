@@ -120,10 +120,10 @@ def _untouched(select: Select, deed: Deed) -> tuple[str, ...]:
 
 def _subjects(select: Select, aims: Sequence[Aim]) -> set[str]:
     """Return what goals are about."""
-    found: set[str] = set()
+    subjects: set[str] = set()
     for aim in aims:
         for row in select(f"{PREFIXES}{aim.sparql} LIMIT {MAX_LIMITED + 1}"):
-            found.add(str(row.value(aim.variables[0])))
-    if len(found) > MAX_LIMITED:
+            subjects.add(str(row.value(aim.variables[0])))
+    if len(subjects) > MAX_LIMITED:
         raise TooLargeError(f"at most {MAX_LIMITED} things can be named as the only ones")
-    return found
+    return subjects

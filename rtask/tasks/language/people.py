@@ -46,7 +46,7 @@ def owners(select: Select, tokens: Sequence[str]) -> Iterator[Mention]:
     for name, of_property in links.items():
         for start, end in spans[name]:
             wording = " ".join(tokens[start:end])
-            prop = _only_one(of_property, wording, bool(_POSSESSIVE.search(tokens[end - 1])))
+            prop = _owning_property(of_property, wording, bool(_POSSESSIVE.search(tokens[end - 1])))
             if prop:
                 text = f"{wording} ({local_name(prop)})"
                 yield Mention(start, end, text, "owner", tuple(of_property[prop]))
@@ -64,15 +64,15 @@ def _links(select: Select, names: Mapping[str, object]) -> dict[str, dict[str, d
         "VALUES ?kind { rt:Exemplar rt:ManipulableObject } ?x a ?kind "
         f"FILTER({ours}) FILTER(?x != ?who) }} ORDER BY ?x LIMIT {_MAX_ROWS}"
     )
-    found: dict[str, dict[str, dict[Term, None]]] = {}
+    links: dict[str, dict[str, dict[Term, None]]] = {}
     for row in rows:
         name, thing = forms[str(row.value("n"))], row["x"]
         assert thing is not None
-        found.setdefault(name, {}).setdefault(str(row.value("p")), {})[thing] = None
-    return found
+        links.setdefault(name, {}).setdefault(str(row.value("p")), {})[thing] = None
+    return links
 
 
-def _only_one(of_property: Mapping[str, object], wording: str, is_asked: bool) -> str:
+def _owning_property(of_property: Mapping[str, object], wording: str, is_asked: bool) -> str:
     """Return the property that says whose things are; "" where none clearly does."""
     owning = [prop for prop in of_property if _OWNING.search(local_name(prop))]
     props = owning or list(of_property)

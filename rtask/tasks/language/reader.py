@@ -301,8 +301,8 @@ def _strictest(
     for way, read in matches.items():
         bare = frozenset(item for item in way if item[2] != _LIMIT_STAGE)
         if bare in goals:
-            earlier, kept = goals[bare]
-            both = replace(kept, limits=kept.limits | read.limits)
+            earlier, merged = goals[bare]
+            both = replace(merged, limits=merged.limits | read.limits)
             goals[bare] = (way if read.limits else earlier), both
         else:
             goals[bare] = way, read

@@ -76,7 +76,7 @@ class Limitations:
                 starts += items.ends(begin, "mess|fiddle|interfere with")
         for start in dict.fromkeys(starts):
             for phrases, end in self.phrases.lists(start):
-                yield from ((deeds, end) for deeds in _kept(phrases))
+                yield from ((deeds, end) for deeds in _spared(phrases))
             for end in items.ends(start, "anything|something|any else|other thing|things?"):
                 if "anything" in items.words[start:end] or end > start + 2:
                     yield _ELSE, end
@@ -97,7 +97,7 @@ class Limitations:
         for phrases, end in self.phrases.lists(at):
             for pattern in _MAY_NOT:
                 for after in items.ends(end, pattern):
-                    yield from ((deeds, after) for deeds in _kept(phrases))
+                    yield from ((deeds, after) for deeds in _spared(phrases))
 
     # Robots
 
@@ -213,7 +213,7 @@ _AS_IS = ("where|as it|they? is|are", "alone|untouched|unmoved|there", "in its? 
 _ELSE = (Deed("else", Phrase(is_generic=True, is_plural=True)),)
 
 
-def _kept(phrases: tuple[Phrase, ...]) -> Iterator[tuple[Deed, ...]]:
+def _spared(phrases: tuple[Phrase, ...]) -> Iterator[tuple[Deed, ...]]:
     """Yield the limit that some things are not touched, where it is said of all of them."""
     deeds = []
     for phrase in phrases:

@@ -121,8 +121,8 @@ class Phrases(Relations):
                         if not all(
                             item is not None and not item.others and not item.anaphor
                             and (item.quantity in (None, _ALL)
-                                 or (said.is_elided and item.superlative is not None))
-                            for said, item in zip(left_out, named, strict=True)
+                                 or (written.is_elided and item.superlative is not None))
+                            for written, item in zip(left_out, named, strict=True)
                         ):  # fmt: skip
                             continue
                         out = tuple(item for item in named if item is not None)

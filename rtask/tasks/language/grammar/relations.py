@@ -47,7 +47,7 @@ class Relations(Superlatives):
                 for with_owner, end in self._belonging(phrase, start):
                     yield from ((with_owner, last) for last in ends(end, "owns|has|possesses"))
         for start in ends(at, ",? that|which|what?"):
-            for robot, end in self.one_robot(start):
+            for robot, end in self.single_robot(start):
                 for patterns, is_not in ((_REACH, False), (_NO_REACH, True)):
                     for pattern in patterns:
                         for last in ends(end, pattern):
@@ -63,9 +63,9 @@ class Relations(Superlatives):
                                 ("not reachable by|for", True)):  # fmt: skip
             for start in self.items.ends(at, pattern):
                 yield from ((_reached(phrase, robot, is_not), end)
-                            for robot, end in self.one_robot(start))  # fmt: skip
+                            for robot, end in self.single_robot(start))  # fmt: skip
 
-    def one_robot(self, at: int) -> Iterator[tuple[Name, int]]:
+    def single_robot(self, at: int) -> Iterator[tuple[Name, int]]:
         """Yield a robot by name."""
         for start in self.items.ends(at, "DET? robot?"):
             name = self.items.name(start, "robot")

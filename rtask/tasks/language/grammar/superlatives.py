@@ -59,8 +59,8 @@ class Superlatives(Places):
             if len(place.names) == 1 and place.owner is None:
                 yield place, end
         for phrase, end in self.phrases(at):  # "closest to the ball": one thing of a kind
-            is_one = phrase.is_definite and phrase.quantity is None and not phrase.is_plural
-            if is_one and any(name.role("kind") for name in phrase.heads):
+            is_single = phrase.is_definite and phrase.quantity is None and not phrase.is_plural
+            if is_single and any(name.role("kind") for name in phrase.heads):
                 yield Place(holds=phrase), end
 
     def superlative_after(self, phrase: Phrase, at: int) -> Iterator[tuple[Phrase, int]]:
@@ -125,7 +125,7 @@ class Superlatives(Places):
     def _value(
         self, phrase: Phrase, at: int, measure: str, is_above: bool
     ) -> Iterator[tuple[Phrase, int]]:
-        yield from self._than_thing(phrase, at, measure, is_above)
+        yield from self._than_reference(phrase, at, measure, is_above)
         word, unit = self.items.word(at), UNITS.get(self.items.word(at + 1))
         number = word.replace(",", ".")
         if unit is None or not number.replace(".", "", 1).isdecimal():
@@ -135,14 +135,14 @@ class Superlatives(Places):
             comparison = Comparison(measure, is_above, float(number) * factor)
             yield replace(phrase, comparisons=(*phrase.comparisons, comparison)), at + 2
 
-    def _than_thing(
+    def _than_reference(
         self, phrase: Phrase, at: int, measure: str, is_above: bool
     ) -> Iterator[tuple[Phrase, int]]:
         """Yield a phrase with the measure of one thing as its bound: "heavier than the jug"."""
         if self.items.word(at - 1) != "than":
             return
         for than, end in self.phrases(at):
-            is_one = than.quantity is None and than.heads and not (than.is_plural or than.others)
-            if is_one and not than.comparisons:
+            is_single = than.quantity is None and than.heads and not (than.is_plural or than.others)
+            if is_single and not than.comparisons:
                 comparison = Comparison(measure, is_above, 0.0, than)
                 yield replace(phrase, comparisons=(*phrase.comparisons, comparison)), end

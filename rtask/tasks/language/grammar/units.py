@@ -49,7 +49,7 @@ def resolved_deeds(units: Units) -> Resolved | None:
     units = _without_topics(tuple(unit for unit in units if not unit.is_limit)) or ()
     if not units or not is_separate(units):
         return None
-    kept = tuple(deed.phrase for deed, when in limits if deed.kind == "untouched" and not when)
+    spared = tuple(deed.phrase for deed, when in limits if deed.kind == "untouched" and not when)
     filled = _with_ends(list(units))
     if filled is None:
         return None
@@ -66,7 +66,7 @@ def resolved_deeds(units: Units) -> Resolved | None:
         conditions = unit.conditions
         for deed in unit.clause.deeds:
             own = replace(deed.phrase, anaphor="") if deed.phrase.anaphor == "all" else deed.phrase
-            own = _rest_of(own, kept) if not resolved else own
+            own = _rest_of(own, spared) if not resolved else own
             phrase = _with_heads(own, unit, topics, [done for done, _ in resolved])
             if phrase is not None and topics and not _is_within(phrase, topics):
                 return None
@@ -81,31 +81,31 @@ def resolved_deeds(units: Units) -> Resolved | None:
                 resolved.append((replace(first, stage=stage), conditions))
             stage += bool(unit.firsts)
             resolved.append((replace(done, stage=stage), conditions))
-    return (*_without_kept(resolved, kept), *limits)
+    return (*_without_spared(resolved, spared), *limits)
 
 
-def _rest_of(phrase: Phrase, kept: tuple[Phrase, ...]) -> Phrase:
+def _rest_of(phrase: Phrase, spared: tuple[Phrase, ...]) -> Phrase:
     """Return "the rest", where only what is not to be touched was named before."""
-    if not phrase.others or not kept:
+    if not phrase.others or not spared:
         return phrase
-    return replace(phrase, others=False, left_out=(*phrase.left_out, *kept))
+    return replace(phrase, others=False, left_out=(*phrase.left_out, *spared))
 
 
-def _without_kept(
-    resolved: Sequence[tuple[Deed, _Conditions]], kept: tuple[Phrase, ...]
+def _without_spared(
+    resolved: Sequence[tuple[Deed, _Conditions]], spared: tuple[Phrase, ...]
 ) -> Resolved:
     """Return deeds in which "everything" is without what is to stay, or not to be touched.
 
     Things that a goal names itself are not left out: that would be two orders against each other.
     """
-    kept += tuple(deed.phrase for deed, when in resolved
+    spared += tuple(deed.phrase for deed, when in resolved
                   if deed.kind == "stay" and not when and not deed.phrase.others)  # fmt: skip
     result = []
     for deed, conditions in resolved:
         phrase = deed.phrase
         is_all = phrase.is_generic and not phrase.heads and not phrase.others
         if is_all and deed.kind != "stay" and phrase.quantity in (None, Quantity("all")):
-            left_out = tuple(item for item in kept if item not in phrase.left_out)
+            left_out = tuple(item for item in spared if item not in phrase.left_out)
             deed = replace(deed, phrase=replace(phrase, left_out=(*phrase.left_out, *left_out)))
         result.append((deed, conditions))
     return tuple(result)
@@ -261,8 +261,8 @@ def _with_heads(
         last = before[-1].phrase
         return replace(phrase, heads=last.heads, is_generic=last.is_generic, is_elided=False)
     # "the yellow one" is the only yellow thing, or refused where there are several.
-    is_one = phrase.is_definite and not phrase.is_plural and phrase.superlative is None
-    if phrase.is_described and (phrase.quantity == Quantity("all") or is_one):
+    is_single = phrase.is_definite and not phrase.is_plural and phrase.superlative is None
+    if phrase.is_described and (phrase.quantity == Quantity("all") or is_single):
         return replace(phrase, is_generic=True, is_elided=False)
     return None
 

@@ -62,7 +62,7 @@ class Proposal:
 
 def propose(items: Items) -> Proposal | None:
     """Return what a sentence seems to ask for; None where a word could change that."""
-    if items.word(0) in _QUESTIONS or _is_told(items):
+    if items.word(0) in _QUESTIONS or _is_report(items):
         return None
     spans = read_spans(items)
     frames = filled(spans)
@@ -79,7 +79,7 @@ def propose(items: Items) -> Proposal | None:
     return Proposal(_sentence(frames), tuple(left_out), tuple(guessed))
 
 
-def _is_told(items: Items) -> bool:
+def _is_report(items: Items) -> bool:
     """Return whether it is told what people did: "someone put the cups away"."""
     return items.word(0) in _PEOPLE and items.word(1) not in (*CLASSES["MODAL"], "please", ",")
 
