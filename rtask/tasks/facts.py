@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from rtask.errors import TooLargeError
 from rtask.rdf.namespaces import PREFIXES
-from rtask.rdf.terms import NamedNode, Term
+from rtask.rdf.terms import NamedNode, Term, moment
 from rtask.tasks.actions import ActionClass, Select
 from rtask.tasks.patterns import Pattern
 from rtask.tasks.planning.problem import Atom
 
-__all__ = ["MAX_FACTS", "Facts", "own_places", "read_facts"]
+__all__ = ["MAX_FACTS", "Facts", "last_seen", "own_places", "read_facts"]
 
 MAX_FACTS = 200_000
 """Most facts of one predicate."""
@@ -140,3 +141,19 @@ def own_places(
         )
         for row in rows:
             yield str(row.value("robot")), str(row.value("place"))
+
+
+def last_seen(select: Select, exemplars: Iterable[str]) -> dict[str, dt.datetime]:
+    """Return when each thing was last seen where it is; none of what is only stated to be there."""
+    seen: dict[str, dt.datetime] = {}
+    for part in _chunks(sorted(set(exemplars))):
+        iris = " ".join(str(NamedNode(value)) for value in part)
+        rows = select(
+            f"{PREFIXES}SELECT ?x ?when WHERE {{ VALUES ?x {{ {iris} }} "
+            "?x rt:currentPlacement ?stay . { ?stay rt:confirmedAt ?when } UNION { "
+            "?stay rt:placementPose ?pose ; time:hasBeginning/time:inXSDDateTimeStamp ?when } }"
+        )
+        for row in rows:
+            exemplar, when = str(row.value("x")), moment(str(row.value("when")))
+            seen[exemplar] = max(when, seen.get(exemplar, when))
+    return seen

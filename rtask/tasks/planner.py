@@ -12,7 +12,7 @@ import ontology
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES, local_name
 from rtask.tasks.actions import ActionClass, IsOntology, Select, read_actions
-from rtask.tasks.facts import own_places, read_facts
+from rtask.tasks.facts import last_seen, own_places, read_facts
 from rtask.tasks.goals import (
     LOCATED,
     Aim,
@@ -30,12 +30,12 @@ from rtask.tasks.plan import Refusal, TaskPlan
 from rtask.tasks.planning.mutexes import CrowdedGoal, crowded_goals
 from rtask.tasks.planning.pddl import write_pddl
 from rtask.tasks.planning.problem import Action, Atom, Goal, Parameter, Problem, Step
+from rtask.tasks.planning.restricting import limits_in_words, objects_within, or_without_limits
 from rtask.tasks.planning.search import find_plan, goal_costs
 from rtask.tasks.planning.unsolvable import Obstacle, explain_unsolvable
 from rtask.tasks.queue.reading import claimed_things
 from rtask.tasks.reasons import crowded, refusal
-from rtask.tasks.restricting import limits_in_words, objects_within, or_without_limits
-from rtask.tasks.steps import Wording, planned_steps
+from rtask.tasks.steps import Wording, planned_steps, with_ages
 
 __all__ = ["ASSUMABLE", "plan_goal"]
 
@@ -368,6 +368,11 @@ def _result(
     if len(obstacles) > _MAX_REFUSALS:
         goal = f"{len(obstacles) - _MAX_REFUSALS} more goals"
         refusals.append(Refusal(goal, "out of reach, too; ask for each alone to see why", (), {}))
+    ends = () if solution is None else solution.ends
+    planned = planned_steps(
+        task.actions, problem, steps, task.experience, assumed, wording, ends
+    )  # fmt: skip
+    now = dt.datetime.now(dt.UTC)
     return TaskPlan(
         goal=goal_text(given),
         understood=(
@@ -376,15 +381,7 @@ def _result(
             *_claimed(select, task, steps, names),
         ),
         sparql=tuple(aim.sparql for aim in task.aims if aim.variables),
-        steps=planned_steps(
-            task.actions,
-            problem,
-            steps,
-            task.experience,
-            assumed,
-            wording,
-            () if solution is None else solution.ends,
-        ),
+        steps=with_ages(planned, last_seen(select, _handled(task, steps)), now),
         refusals=tuple(refusals),
         assumptions=tuple(wording.atom(atom) for atom in assumed) if solution is not None else (),
         names=_mentioned(names, problem, steps, refusals),
@@ -400,16 +397,21 @@ def _claimed(
     select: Select, task: _Task, steps: Sequence[Step], names: Mapping[str, str]
 ) -> Iterator[str]:
     """Yield which things of a plan a robot has for another one now: its steps wait for that."""
-    handled = {action.iri: action.parameter("handlesExemplar") for action in task.actions}
-    things = {
-        value for step in steps for name, value in step.arguments if name == handled[step.action]
-    }
+    things = _handled(task, steps)
     for thing, claim in claimed_things(select, things, dt.datetime.now(dt.UTC)).items():
         who = names.get(claim.robot) or local_name(claim.robot)
         yield (
             f"{who} has {names.get(thing, thing)} for another step now: steps with it begin after "
             f"that, at {claim.until:%H:%M} UTC at the latest unless {who} asks for more time"
         )
+
+
+def _handled(task: _Task, steps: Sequence[Step]) -> set[str]:
+    """Return the things that steps are about."""
+    handled = {action.iri: action.parameter("handlesExemplar") for action in task.actions}
+    return {
+        value for step in steps for name, value in step.arguments if name == handled[step.action]
+    }
 
 
 def _mentioned(

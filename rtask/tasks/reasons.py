@@ -13,6 +13,7 @@ from rtask.tasks.plan import Refusal
 from rtask.tasks.planning.mutexes import CrowdedGoal
 from rtask.tasks.planning.problem import Atom, Goal, Problem
 from rtask.tasks.planning.unsolvable import Obstacle, explain_unsolvable
+from rtask.tasks.room import is_measured, measures_in_words, mended_by
 from rtask.tasks.steps import Wording, excluded_by, excluded_link, statement_of
 
 __all__ = ["crowded", "refusal"]
@@ -160,6 +161,9 @@ def _remedy(select: Select, obstacle: Obstacle, wording: Wording) -> str:
         and not _has_hand(select, statement[0], obstacle.goal[0][-1])
     ]
     how += "".join(f"; {lack}" for lack in dict.fromkeys(lacks) if lack)
+    how += "".join(
+        f"; {advice}" for atom in obstacle.missing if (advice := mended_by(select, atom, wording))
+    )
     over = [
         f"{NamedNode(subject)} a {NamedNode(kind)}"
         for atom in obstacle.missing
@@ -168,7 +172,7 @@ def _remedy(select: Select, obstacle: Obstacle, wording: Wording) -> str:
     ] + [
         " ".join(str(NamedNode(part)) for part in link)
         for atom in obstacle.missing
-        if (link := excluded_link(atom)) is not None
+        if (link := excluded_link(atom)) is not None and not is_measured(select, link)
     ]
     if over:
         # Each for itself: a robot says of its own hand in its own graph, a person of the box.
@@ -191,6 +195,9 @@ def _reasons(select: Select, missing: Iterable[Atom], wording: Wording) -> str:
 def _reason(select: Select, atom: Atom, wording: Wording) -> str:
     statement = statement_of(atom)
     excluded = excluded_by(atom)
+    measured = measures_in_words(select, atom, wording)
+    if measured:
+        return measured
     if excluded is not None:
         name, label = wording.name(excluded[0]), wording.labels.get(excluded[1])
         return f"{name} is {label or local_name(excluded[1])}"

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from rtask.rdf.namespaces import local_name
+from rtask.rdf.namespaces import RT, local_name
 from rtask.tasks.actions import ActionClass
 from rtask.tasks.outcomes import Experience
 from rtask.tasks.patterns import Pattern
 from rtask.tasks.plan import PlannedStep, Support
 from rtask.tasks.planning.problem import Atom, Problem, Step
 
-__all__ = ["Wording", "excluded_by", "excluded_link", "planned_steps", "statement_of"]
+__all__ = ["Wording", "excluded_by", "excluded_link", "planned_steps", "statement_of",
+           "with_ages"]  # fmt: skip
 
 
 def statement_of(atom: Atom) -> tuple[str, str, str] | None:
@@ -147,6 +149,42 @@ def planned_steps(
             ended.setdefault(atom, []).append(number)
         made.update(dict.fromkeys(step.adds, number))
     return tuple(result)
+
+
+def with_ages(
+    steps: Sequence[PlannedStep], seen: Mapping[str, dt.datetime], now: dt.datetime
+) -> tuple[PlannedStep, ...]:
+    """Return steps whose proofs say how long ago things were seen where a plan begins with them.
+
+    Parameters
+    ----------
+    seen
+        When each thing was seen last, by IRI.
+    """
+
+    def aged(item: Support) -> Support:
+        is_place = item.statement is not None and item.statement[1] == RT.locatedOn.value
+        if not is_place or item.step is not None or item.statement is None:
+            return item
+        when = seen.get(item.statement[0])
+        age = "stated, not seen there" if when is None else f"seen there {_ago(now - when)} ago"
+        return replace(item, text=f"{item.text} ({age})")
+
+    return tuple(replace(step, supports=tuple(map(aged, step.supports))) for step in steps)
+
+
+def _ago(age: dt.timedelta) -> str:
+    """Return a time span in words, in its largest unit.
+
+    >>> _ago(dt.timedelta(hours=50)), _ago(dt.timedelta(seconds=1))
+    ('2 days', '1 second')
+    """
+    seconds = max(age.total_seconds(), 0)
+    for unit, length_s in (("day", 86400), ("hour", 3600), ("minute", 60), ("second", 1)):
+        number = int(seconds // length_s)
+        if number or unit == "second":
+            return f"{number} {unit}{'s' * (number != 1)}"
+    raise AssertionError
 
 
 def _support(

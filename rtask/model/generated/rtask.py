@@ -56,6 +56,10 @@ class Thing(Model):
         The number of a commit; on a graph: of the last commit that changed it. [NUM]
     confidence
         The confidence in a statement, on its RDF 1.2 reifier, in [0, 1]. [UNITLESS]
+    crushed_by
+        The end effector cannot close as gently as the object, or a thing of this product,
+        needs: stated, or its least force is beyond what damages the object (rule R12). Where
+        nobody has stated both, it is not known, and forbids nothing.
     current_placement
         The placement of the thing that has not ended, exactly one: of several, the last to
         begin (rule R9).
@@ -178,6 +182,7 @@ class Thing(Model):
     centre_of_mass_sigma: One[float] = One(_RT + "centreOfMassSigma", _XSD + "double", unit="M")
     commit_number: One[int] = One(_RT + "commitNumber", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
     confidence: Many[float] = Many(_RT + "confidence", _XSD + "double", unit="UNITLESS")
+    crushed_by: Links[Thing] = Links(_RT + "crushedBy", _OWL + "Thing")
     current_placement: Links[Thing] = Links(_RT + "currentPlacement", _OWL + "Thing")
     current_pose: Links[Thing] = Links(_RT + "currentPose", _OWL + "Thing")
     disputed: Many[bool] = Many(_RT + "disputed", _XSD + "boolean")
@@ -1200,6 +1205,16 @@ class Frame(PositionCoordinateSystem, OrientationCoordinateSystem):
     frame_of: Links[Object] = Links(_RT + "frameOf", _SUMO + "Object", inverse=_RT + "bodyFrame", stored=False)
     parent_frame: Link[Frame] = Link(_RT + "parentFrame", _RT + "Frame", functional=True)
     pose_in_parent: Link[Pose] = Link(_RT + "poseInParent", _RT + "Pose", functional=True)
+
+
+class Full(Object):
+    """A place that nothing more can be put into or onto now; what is there can be taken. Whoever
+    makes room withdraws the statement.
+
+    ``rt:Full``
+    """
+
+    __iri__: ClassVar[str] = _RT + "Full"
 
 
 class GraspConfiguration(InformationEntity):
@@ -3163,6 +3178,8 @@ class ManipulableObject(CorpuscularObject, FeatureOfInterest):
     ----------
     centre_of_mass
         The centre of mass in the body frame.
+    crushing_force
+        The closing force of a hand beyond which the object is damaged. [N]
     exemplar_of
         Same make as a reference object, whose functions, features and grasps carry over.
     extent_x
@@ -3211,6 +3228,7 @@ class ManipulableObject(CorpuscularObject, FeatureOfInterest):
     __required__: ClassVar[tuple[str, ...]] = ("object_id",)
 
     centre_of_mass: Links[Position] = Links(_RT + "centreOfMass", _RT + "Position")
+    crushing_force: One[float] = One(_RT + "crushingForce", _XSD + "double", unit="N")
     exemplar_of: Links[ManipulableObject] = Links(_RT + "exemplarOf", _RT + "ManipulableObject")
     extent_x: One[float] = One(_RT + "extentX", _XSD + "double", unit="M", limits=Limits(above=0.0))
     extent_y: One[float] = One(_RT + "extentY", _XSD + "double", unit="M", limits=Limits(above=0.0))
@@ -3996,6 +4014,8 @@ class EndEffector(Device):
         The largest width that it can hold. [M]
     max_payload
         The largest mass that it can lift. [KiloGM]
+    min_force
+        The smallest closing force that it can be set to. [N]
     min_opening
         The smallest width that it can hold. [M]
     parent_link
@@ -4017,6 +4037,7 @@ class EndEffector(Device):
     max_force: One[float] = One(_RT + "maxForce", _XSD + "double", unit="N")
     max_opening: One[float] = One(_RT + "maxOpening", _XSD + "double", unit="M")
     max_payload: One[float] = One(_RT + "maxPayload", _XSD + "double", unit="KiloGM")
+    min_force: One[float] = One(_RT + "minForce", _XSD + "double", unit="N")
     min_opening: One[float] = One(_RT + "minOpening", _XSD + "double", unit="M")
     parent_link: Many[str] = Many(_RT + "parentLink", _XSD + "string")
     planning_group: Many[str] = Many(_RT + "planningGroup", _XSD + "string")
