@@ -48,6 +48,9 @@ def wide():
         ("put everything that nao-1 can't reach on the table", "X"),
         ("the cups heavier than the can onto the shelf", "X"),
         ("put the cups on the shelf, but only two at a time", "X"),
+        ("put the cups in the left box and take them out again", "X"),
+        ("someone put the cups in the left box", "X"),
+        ("nao-1 said it put the cups on the shelf", "X"),
     ],
 )  # fmt: skip
 def test_whose_things_are_who_reaches_them_and_what_is_left_alone(wide, sentence, expected):
