@@ -20,6 +20,7 @@ from rtask.tasks.language.slots.spans import Span
 __all__ = ["is_blocked"]
 
 _TELLING = ("i", "we", "you", "he", "she", "they")
+_TOWARDS = ("to", "into", "onto", "in", "on", "at")
 _OF_PLACES = ("on", "in", "off", "from", "of", "into", "onto", "with")
 
 
@@ -42,7 +43,10 @@ def _is_further(span: Span, spans: Sequence[Span], frames: Sequence[Frame]) -> b
     """Return whether "it" stands behind all slots, in a deed of its own: "and take it out"."""
     if span.kind != "anaphor" or span.start < max(x.end for f in frames for x in f.spans):
         return False
-    return not is_talk(spans, span.clause)
+    clause = [item.text for item in spans if item.clause == span.clause]
+    # "... to it" is where to, and "put them back there" the same deed once more.
+    is_same = spans[spans.index(span) - 1].text in _TOWARDS or "there" in clause
+    return not is_same and not is_talk(spans, span.clause)
 
 
 def _changes(span: Span, spans: Sequence[Span], before: Span | None, after: Span | None) -> bool:
