@@ -200,7 +200,11 @@ def _read(select: Select, text: str, base: str, slips: int) -> Understood:
         meaning = frozenset(item for item in meaning if not item[-1])
         # Nobody speaks of "the cups on the shelf" where none is there, if it can mean else.
         is_void = any(not ways for ways, *_ in meaning)
-        (void if is_void else matches).setdefault(meaning, understood)
+        ways_so_far = void if is_void else matches
+        same = ways_so_far.get(meaning)
+        # Of two ways to say the same, the one with less beside it is shown and stored.
+        if same is None or len(understood.aims) < len(same.aims):
+            ways_so_far[meaning] = understood
         empty += [way] if is_void else []
     matches = _strictest(matches)
     if matches:  # "just" is courtesy then
