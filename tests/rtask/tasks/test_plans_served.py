@@ -28,7 +28,7 @@ def server() -> Iterator[RunningServer]:
 
 def test_http_rosbridge_and_agents_get_the_same_plan(server: RunningServer) -> None:
     by_http = httpx.post(f"{server.url}/engine/plan_goal", json=GOAL, timeout=60).json()
-    assert [len(step["because"]) for step in by_http["steps"]] == [9, 7, 9, 7]
+    assert [len(step["because"]) for step in by_http["steps"]] == [10, 8, 10, 8]
     with connect(server.websocket) as robot:
         call = {"op": "call_service", "service": "/rtask/plan_goal", "args": GOAL}
         robot.send(json.dumps(call))
