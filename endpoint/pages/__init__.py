@@ -22,7 +22,7 @@ from endpoint.pages import (
 from endpoint.pages.graph import ask, classes, proof, resource, terms, workbench, world
 from endpoint.pages.render import blueprint
 from endpoint.pages.services import datasets, forms, jobs, pipeline, setup, tools
-from endpoint.pages.tasks import plan, questions
+from endpoint.pages.tasks import plan, questions, why
 
 __all__ = [
     "activity",
@@ -54,6 +54,7 @@ __all__ = [
     "teach",
     "terms",
     "tools",
+    "why",
     "workbench",
     "world",
 ]

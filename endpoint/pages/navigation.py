@@ -35,7 +35,7 @@ SECTIONS = (
     Section("/objects", "Objects", ("/object", "/teach", "/curation")),
     Section("/robots", "Robots", ("/robot", "/setup")),
     Section("/world", "World"),
-    Section("/plan", "Plans", ("/questions",)),
+    Section("/plan", "Plans", ("/questions", "/why")),
     Section("/learning", "Learning"),
     Section("/classes", "Classes", ("/terms", "/resource", "/explain")),
     Section("/sparql", "SPARQL", ("/ask",)),

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rtask.errors import ForbiddenError, MissingDataError, UsageError
+from rtask.errors import ForbiddenError, MissingDataError, UnsupportedError, UsageError
+from rtask.kb.branches.branching import Branching
 from rtask.kb.commit.access import Access
 from rtask.services.call import Ending
 
 if TYPE_CHECKING:
     from pyoxigraph import Quad
 
+    from rtask.kb.branches.branch import Branch
+    from rtask.kb.branches.record import BranchRecord
     from rtask.kb.commit.commit import Change, Commit
     from rtask.kb.core import GraphCore
     from rtask.rdf.terms import NamedNode, Subject, Value
 
-__all__ = ["Files", "GraphResource", "Resource", "WritableFiles"]
+__all__ = ["Files", "GraphBranches", "GraphResource", "Resource", "WritableFiles"]
 
 
 class Files:
@@ -151,6 +155,19 @@ class GraphResource:
         with self._graph.as_of(seq) as then:
             yield GraphResource(then, writable=False)
 
+    @property
+    def trunk(self) -> GraphBranches:
+        """The branches of the graph, on which a service may try what is never to be in the graph.
+
+        Raises
+        ------
+        UnsupportedError
+            The graph is on another server, which has its own branches.
+        """
+        if not isinstance(self._graph, Branching):
+            raise UnsupportedError("this graph has no branches: ask the server that stores it")
+        return GraphBranches(self._graph)
+
     def follow(self, listener: Callable[[Change], None]) -> Callable[[], None]:
         """Call back with each commit from now on; return a function that ends this."""
         return self._graph.on_commit(listener)
@@ -174,6 +191,28 @@ class GraphResource:
             if stored is not None:
                 commits.append(stored.seq)
         return stored
+
+
+class GraphBranches:
+    """The branches of a graph, without the graph itself: what is written there stays there."""
+
+    def __init__(self, graph: Branching) -> None:
+        self._graph = graph
+
+    def branch(
+        self, name: str | None = None, *, access: Access | None = None,
+        lifetime: dt.timedelta | None = None, note: str = "",
+    ) -> Branch[Any]:  # fmt: skip
+        """Make a branch that begins as the graph is now; see :meth:`rtask.KnowledgeBase.branch`."""
+        return self._graph.branch(name, access=access, lifetime=lifetime, note=note)
+
+    def branches(self) -> list[BranchRecord]:
+        """Return the branches, the oldest first."""
+        return self._graph.branches()
+
+    def drop_branch(self, name: str, *, access: Access | None = None) -> BranchRecord:
+        """Delete a branch with all that was written in it."""
+        return self._graph.drop_branch(name, access=access)
 
 
 Resource = Files | GraphResource

@@ -1,4 +1,4 @@
-"""Services of robots: kinematics, planning, self filter, and the datasets with their models.
+"""Services of robots: kinematics, planning, self filter, trials of failures; their datasets.
 
 The models of the Nao and the Panda are written when they are first asked for.
 """
@@ -13,13 +13,14 @@ from pathlib import Path
 
 from rtask.errors import RobotError
 from simulate.robots.description import Link
+from simulate.services.failure_trials import FailureTrials
 from simulate.services.kinematics import Kinematics
 from simulate.services.planning import Trajopt
 from simulate.services.self_filter import SelfFilter
 
-__all__ = ["DATASETS", "SERVICES", "Kinematics", "SelfFilter", "Trajopt"]
+__all__ = ["DATASETS", "SERVICES", "FailureTrials", "Kinematics", "SelfFilter", "Trajopt"]
 
-SERVICES = (Kinematics, Trajopt, SelfFilter)
+SERVICES = (Kinematics, Trajopt, SelfFilter, FailureTrials)
 """Services that this module offers."""
 
 _JOINT = (

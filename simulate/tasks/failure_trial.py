@@ -10,21 +10,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from grasp.spatial.frames import pose_from_planar
-from grasp.spatial.gripper import ParallelGripper, parallel_jaw
 from grasp.spatial.gripper_files import gripper_named
 from rtask.tasks.diagnosis import Diagnosis, beliefs_of
-from rtask.tasks.diagnosis.attempt import Failure, Hand, Try
-from rtask.tasks.diagnosis.hypotheses import Hypothesis
-from simulate.grasping.floating.execution import execute
-from simulate.world.hidden import Part, Secret
-from simulate.world.objects import Friction, ObjectSpec
+from rtask.tasks.diagnosis.attempt import Failure, Hand
+from simulate.tasks.trials.physics import (
+    IN_PHYSICS,
+    MASS_KG,
+    draw_thing,
+    draw_weakness,
+    grasp_holds,
+    gripper_of,
+)
 from simulate.world.seeds import stream
 from simulate.world.world import World
 
@@ -35,16 +37,6 @@ _CPU_S = 60.0
 """Processor time after which no further try begins."""
 _STREAM = 74
 _CHANGES = ("grasp", "hand")
-_IN_PHYSICS = ("centre_of_mass", "weak_zone", "slippery", "too_heavy", "weak_hand", "chance")
-_NOISE_M, _NOISE_RAD = 0.002, float(np.deg2rad(3.0))
-_MAX_TURN_RAD = float(np.deg2rad(40.0))
-_SETTLE_S = 0.2
-_MASS_KG = 0.1
-_SLIPPERY = (0.03, 0.15)
-_TOO_HEAVY = (1.2, 2.0)
-_WEAK_HAND = (0.05, 0.3)
-_BREAKS_AT_N = 1.5
-_MARGIN_M = 0.01
 
 
 @dataclass(frozen=True)
@@ -130,7 +122,7 @@ def try_change(diagnosis: Diagnosis, tries: int = 5, seed: int = 0) -> FailureTr
         Of what is drawn: the cause of each try, and how far beside its aim the hand closes.
     """
     beliefs = [
-        belief for belief in beliefs_of(diagnosis.failure) if belief[0].kind in _IN_PHYSICS
+        belief for belief in beliefs_of(diagnosis.failure) if belief[0].kind in IN_PHYSICS
     ] if diagnosis.change is not None else []  # fmt: skip
     refusal = _refusal(diagnosis)
     if refusal or diagnosis.change is None:
@@ -144,9 +136,9 @@ def try_change(diagnosis: Diagnosis, tries: int = 5, seed: int = 0) -> FailureTr
         while done < min(tries, MAX_TRIES) and time.process_time() - began < _CPU_S:
             cause = beliefs[int(rng.choice(len(beliefs), p=chances / chances.sum()))][0]
             # Both grasps meet the same draw, so that only the change differs between them.
-            thing, weakness = _specification(failure, cause, rng), _weakness(cause, rng)
-            failed_held += _holds(world, thing, failure, failure.tried, weakness, rng)
-            held += _holds(world, thing, failure, changed, weakness, rng)
+            thing, weakness = draw_thing(failure, cause, rng), draw_weakness(cause, rng)
+            failed_held += grasp_holds(world, thing, failure, failure.tried, weakness, rng)
+            held += grasp_holds(world, thing, failure, changed, weakness, rng)
             done += 1
     assumed = _assumed(failure, (failure.tried.hand, changed.hand))
     return FailureTrial(done, failed_held, held, float(chances.sum()), assumed)
@@ -160,7 +152,7 @@ def _refusal(diagnosis: Diagnosis) -> str:
     if change is None:
         return "no change is known that would have mended it"
     first = diagnosis.causes[0]
-    if first.kind not in _IN_PHYSICS:
+    if first.kind not in IN_PHYSICS:
         return f"the likeliest cause ({first.text}) is not one that a hand and a thing alone show"
     if change.kind not in _CHANGES:
         return f"the change ({change.kind}) is neither another grasp nor another hand"
@@ -172,92 +164,18 @@ def _refusal(diagnosis: Diagnosis) -> str:
         if value is None:
             return f"the graph does not say the {what}"
     for hand in (failure.tried.hand, change.tried.hand):
-        if _gripper(hand) is None:
+        if gripper_of(hand) is None:
             return f"the graph says neither a known type nor the opening of {hand.iri or 'a hand'}"
     return ""
-
-
-def _gripper(hand: Hand) -> ParallelGripper | None:
-    """Return the gripper of a hand's type, else plain jaws of its opening."""
-    try:
-        return gripper_named(hand.kind.removesuffix("_hand"))
-    except (ValueError, OSError):
-        return parallel_jaw(hand.opening) if hand.opening else None
 
 
 def _assumed(failure: Failure, hands: Sequence[Hand]) -> tuple[str, ...]:
     lines = ["it is a box as high as it is wide, and the jaws close across its width"]
     if failure.mass is None:
-        lines.append(f"it weighs {_MASS_KG} kg")
+        lines.append(f"it weighs {MASS_KG} kg")
     for hand in dict.fromkeys(hands):
         try:
             gripper_named(hand.kind.removesuffix("_hand"))
         except (ValueError, OSError):
             lines.append(f"the hand of {hand.name} is two plain jaws of its opening")
     return tuple(lines)
-
-
-def _specification(failure: Failure, cause: Hypothesis, rng: np.random.Generator) -> ObjectSpec:
-    """Return the thing with what a cause hides in it."""
-    length, width = float(failure.length or 0.0), float(failure.width or 0.0)
-    mass, friction, secret = failure.mass or _MASS_KG, Friction(), Secret()
-    start, end = cause.start or 0.0, cause.end or 0.0
-    if cause.kind == "centre_of_mass":
-        secret = Secret(mass_offset_m=(start + end) / 2)
-    elif cause.kind == "weak_zone":
-        secret = Secret(parts=_parts(length, width, start, end))
-    elif cause.kind == "slippery":
-        friction = replace(friction, lateral=float(rng.uniform(*_SLIPPERY)))
-    elif cause.kind == "too_heavy":
-        hand = failure.tried.hand
-        gripper = _gripper(hand)
-        limit = hand.payload or (gripper.max_payload if gripper else None) or mass
-        mass = max(mass, float(rng.uniform(*_TOO_HEAVY)) * limit)
-    return ObjectSpec("carton", (length, width, width), mass, 0, "tried", friction, secret)
-
-
-def _parts(length: float, width: float, start: float, end: float) -> tuple[Part, ...]:
-    """Return a weak zone at one end, and the rest."""
-    is_right = start + end > 0
-    edge = start if is_right else end
-    left, right = edge + length / 2, length / 2 - edge
-    strong, weak = (left, right) if is_right else (right, left)
-    side = 1.0 if is_right else -1.0
-    return (
-        Part((strong, width, width), (-side * weak / 2, 0.0, 0.0)),
-        Part((weak, width, width), (side * strong / 2, 0.0, 0.0), breaks_at_n=_BREAKS_AT_N),
-    )
-
-
-def _weakness(cause: Hypothesis, rng: np.random.Generator) -> float:
-    """Return the share of its force that the hand which failed has left."""
-    return float(rng.uniform(*_WEAK_HAND)) if cause.kind == "weak_hand" else 1.0
-
-
-def _holds(
-    world: World, thing: ObjectSpec, failure: Failure, tried: Try, weakness: float,
-    rng: np.random.Generator,
-) -> bool:  # fmt: skip
-    """Carry a grasp out once at a new copy of the thing; tell whether it holds."""
-    gripper = _gripper(tried.hand)
-    if gripper is None or tried.along is None:
-        return False
-    if tried.hand.iri == failure.tried.hand.iri:
-        gripper = replace(gripper, max_force=weakness * gripper.max_force)
-    width = float(failure.width or 0.0)
-    opening = min(gripper.max_opening, width + _MARGIN_M)
-    if opening <= width:
-        return False
-    x0 = world.workplace.table_near + world.workplace.table_size[0] / 2
-    body = world.spawn(thing, (x0, 0.0))
-    try:
-        world.step(_SETTLE_S)
-        x, y = rng.normal((x0 + tried.along, 0.0), _NOISE_M)
-        theta = np.pi / 2 + rng.normal(0, _NOISE_RAD)
-        height = world.table_height + max(width / 2, gripper.fingertip)
-        pose = np.asarray(pose_from_planar(float(x), float(y), height, float(theta)))
-        done = execute(world, body, gripper, pose, opening, world.object_pose(body))
-        is_whole = body not in world.broken and not world.on_table(body)
-        return bool(done.held and done.turned_rad < _MAX_TURN_RAD and is_whole)
-    finally:
-        world.remove(body)

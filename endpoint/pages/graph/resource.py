@@ -25,6 +25,8 @@ MAX_OUTGOING, MAX_INCOMING = 500, 50
 _PAGES = {
     RT.ManipulableObject.value: "/object",
     ontology.PREFIXES["cora"] + "Robot": "/robot",
+    RT.GraspAttempt.value: "/why",
+    RT.TaskPlan.value: "/why",
     ontology.PREFIXES["owl"] + "Class": "/classes",
 }
 """Where things of a class have a page for people."""

@@ -9,6 +9,7 @@ import click
 from rtask.cli.connection import connection
 from rtask.cli.options import data_option, json_option, print_json, server_option
 from rtask.cli.things import name_or_iri
+from rtask.errors import UsageError
 from rtask.extras import needs_extra
 
 __all__ = ["why"]
@@ -21,12 +22,13 @@ __all__ = ["why"]
 @json_option
 @click.option(
     "--try", "tries", is_flag=True,
-    help="Try the change in physics, five times, as `rtask simulate why` does; stores nothing.",
+    help="Try what would have mended it on branches, as `rtask simulate why` does; stores nothing.",
 )  # fmt: skip
+@click.option("--keep", metavar="NAME", default="", help="With --try: keep the best on a branch.")
 @click.pass_context
 def why(
     context: click.Context, subject: str, data: Path, server: str | None, as_json: bool,
-    tries: bool,
+    tries: bool, keep: str,
 ) -> None:  # fmt: skip
     """Say why an attempt, a step or a plan failed, and what would have mended it.
 
@@ -36,10 +38,13 @@ def why(
     (another grasp, hand, order, a look before) under which the graph expects it to have held. Exit
     code 1 if no change that is known would have sufficed.
     """
+    if keep and not tries:
+        raise UsageError("--keep: nothing is kept unless it is tried; add --try")
     if tries:
         context.invoke(
-            _trial_command(context), subject=subject, data=data, server=server, as_json=as_json
-        )
+            _trial_command(context), subject=subject, data=data, server=server, as_json=as_json,
+            keep=keep,
+        )  # fmt: skip
         return
     subject = name_or_iri(subject, data, server)
     with connection(data, server) as client:

@@ -90,6 +90,9 @@ class Failure:
         How old the knowledge of the thing's place was; None where not known.
     is_elsewhere
         Whether the thing was seen elsewhere afterwards, or nowhere.
+    origin, seen_at
+        IRIs of the place or hand where the thing was believed to be, and of the first place where
+        it was afterwards; empty where not known.
     margin
         By how much recognition preferred the best match; None where not known.
     neighbours
@@ -124,3 +127,5 @@ class Failure:
     is_cut: bool = False
     hands: tuple[Hand, ...] = ()
     grasps: tuple[tuple[str, str, float], ...] = ()
+    origin: str = ""
+    seen_at: str = ""

@@ -8,9 +8,9 @@ from typing import Any
 
 from rtask.tasks.diagnosis.attempt import Failure, Try
 
-__all__ = ["Change", "changes_of"]
+__all__ = ["FRACTIONS", "Change", "changes_of"]
 
-_FRACTIONS = (-0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4)
+FRACTIONS = (-0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4)
 """Places along a thing, in units of its length, where no grasp is stored."""
 _APART_M = 0.005
 """Grasps nearer than this are the same place."""
@@ -97,7 +97,7 @@ def _other_grasps(failure: Failure, own: Try) -> Iterator[Change]:
         text = "another grasp, elsewhere on it"
         yield Change("grasp", 2, text, replace(own, grasp="new", along=None))
     else:
-        for fraction in _FRACTIONS:
+        for fraction in FRACTIONS:
             along = fraction * failure.length
             if _is_apart(own, along) and all(abs(along - at) > _APART_M for _, at in stored):
                 text = f"another grasp: {_place(along)}"

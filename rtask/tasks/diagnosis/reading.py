@@ -14,7 +14,7 @@ from rtask.tasks.actions import Select
 from rtask.tasks.diagnosis.attempt import Failure, Hand, Try
 from rtask.tasks.names import names_of
 
-__all__ = ["read_failure"]
+__all__ = ["read_failure", "read_hands"]
 
 _NOTHING = "<urn:rtask:nothing>"
 _MAX_OTHERS = 400
@@ -248,7 +248,7 @@ def _around(
             for row in select(PREFIXES + _GRASPS % product)
         )
         others, is_cut = _others(select, product, attempt, tried, begun)
-    age_s, is_elsewhere, place = _placements(select, tried, begun)
+    age_s, is_elsewhere, place, origin, seen_at = _placements(select, tried, begun)
     place = tried.place or place
     tried = Try(
         tried.hand, tried.product, tried.thing, tried.grasp, place, tried.along, tried.held,
@@ -261,7 +261,7 @@ def _around(
     return Failure(
         subject, attempt, more.get("step", ""), text, tried, bool(more.get("held")), length,
         width, mass, age_s, is_elsewhere, more.get("margin"), tuple(names[iri] for iri in near),
-        more.get("is_late"), others, is_cut, _hands(select, tried), grasps,
+        more.get("is_late"), others, is_cut, _hands(select, tried), grasps, origin, seen_at,
     )  # fmt: skip
 
 
@@ -286,10 +286,13 @@ def _others(
 
 def _placements(
     select: Select, tried: Try, begun: dt.datetime | None
-) -> tuple[float | None, bool, str]:
-    """Return how old the place was, whether the thing turned up elsewhere, and the place."""
+) -> tuple[float | None, bool, str, str, str]:
+    """Return how old the place was, whether the thing turned up elsewhere, and the place.
+
+    With it come the place or hand where it was believed to be, and the place where it turned up.
+    """
     if not tried.thing or begun is None:
-        return None, False, tried.place
+        return None, False, tried.place, "", ""
     rows = list(select(PREFIXES + _PLACEMENTS % NamedNode(tried.thing)))
     placements = [
         (time, _text(row, "at"), _text(row, "hand"), _time(row.value("end")))
@@ -302,7 +305,9 @@ def _placements(
     is_elsewhere = bool(after) and after[0][1] != place and not after[0][2]
     # A thing that is lost is nowhere since: its stay has ended, and no other has begun.
     is_elsewhere |= not after and any(end is not None and end > begun for *_, end in before[-1:])
-    return age_s, is_elsewhere, place
+    origin = (before[-1][1] or before[-1][2]) if before else ""
+    seen_at = next((at for _, at, _, _ in after if at), "")
+    return age_s, is_elsewhere, place, origin, seen_at
 
 
 def _neighbours(select: Select, tried: Try) -> tuple[str, ...]:
@@ -323,6 +328,11 @@ def _hands(select: Select, tried: Try) -> tuple[Hand, ...]:
         able += f"?robot rt:reaches {NamedNode(tried.place)} . "
     rows = select(PREFIXES + _HANDS % able)
     return tuple({hand.iri: hand for hand in map(_hand, rows)}.values())
+
+
+def read_hands(select: Select) -> dict[str, Hand]:
+    """Return the hands of all robots, by their IRIs; at most fifty."""
+    return {hand.iri: hand for hand in map(_hand, select(PREFIXES + _HANDS % ""))}
 
 
 def _hand(row: Row) -> Hand:
