@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from simulate import options
 from simulate.study.chart import bar_chart, share_bar
@@ -19,6 +20,8 @@ __all__ = ["summary_of", "why"]
 _COLUMNS = ("injected", "failures", "cause first", "among three", "mended", "said to mend",
             "of these mended", "by the same again")  # fmt: skip
 _CHART = "shares.png"
+_RESAMPLED = 10_000
+"""Resamples of the bootstrap."""
 
 
 @study_command("rtask-why", with_preset=False)
@@ -30,14 +33,14 @@ _CHART = "shares.png"
     is_flag=True,
     help="Four kinds instead that no hypothesis is about and no change mends.",
 )
-@click.option("--try", "tries", is_flag=True, help="Also try each change in physics.")
+@click.option("--try", "tries", is_flag=True, help="Also try each change on branches.")
 def why(trials: int, seed: int, is_open: bool, tries: bool) -> Study:
     """Measure how often `rtask why` names the cause of an injected failure, and mends it.
 
     After some attempts of a Nao and a Panda at a table, one fails for a cause that the graph does
     not know. The change that the answer proposes is carried out under the same cause. The lab has
-    no dynamics. With --open the right answer is that the cause is unknown. With --try it is counted
-    how often a change that is another grasp or hand holds in physics, and in that truth.
+    no dynamics. With --open the right answer is that the cause is unknown. With --try the first
+    change that held when it was tried on a branch is compared with the first one that was not.
     """
     path = "simulate.study.why.trial:run_trial"
     settings = {"seed": seed, **({"is_open": True} if is_open else {}),
@@ -70,19 +73,30 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
 
 
 def _trial_lines(results: Results) -> list[str]:
-    tried = [result for result in results if result["trial"]["tries"]]
-    reproduced = [result for result in tried if result["trial"]["reproduces"]]
-    agree = sum(result["trial"]["agrees"] == result["holds"] for result in reproduced)
-    low, high = wilson(agree, len(reproduced))
-    both = sum(result["trial"]["agrees"] and result["holds"] for result in reproduced)
-    holds = sum(result["trial"]["agrees"] for result in reproduced)
-    times = [result["tried_s"] for result in tried]
+    """Say whether the change that held in a trial holds more often than the one before it."""
+    gains = np.array([result["best_holds"] - result["first_holds"] for result in results])
+    rng = np.random.default_rng(0)
+    means = rng.choice(gains, (_RESAMPLED, len(gains))).mean(axis=1)
+    low, high = np.quantile(means, (0.025, 0.975))
+    lines = []
+    for verdict in ("held", "failed", "not_tried"):
+        of = [result["first_holds"] for result in results if result["verdict"] == verdict]
+        share = f", of which {np.mean(of):.2f} hold in truth" if of else ""
+        lines.append(f"first change {verdict.replace('_', ' ')} in the trial: {len(of)}{share}")
+    said = [result for result in results if result["mends"]]
+    wrong = sum(1 - result["first_holds"] for result in said)
+    kept = [result for result in said if result["verdict"] != "failed"]
+    wrong_kept = sum(1 - result["best_holds"] for result in kept)
+    times = [result["tried_s"] for result in results]
     return [
-        f"tried in physics: {len(tried)}, of which {len(reproduced)} reproduced the failure",
-        f"trial and truth agree: {agree} of {len(reproduced)}, {low:.2f} to {high:.2f}",
-        f"held in the trial: {holds}, of which {both} did in truth",
-        f"processor time of a trial: mean {sum(times) / max(len(times), 1):.2f} s, longest "
-        f"{max(times, default=0.0):.2f} s",
+        *lines,
+        f"another change held first: {sum(result['is_other'] for result in results)}",
+        f"holds in truth, untried: {np.mean([r['first_holds'] for r in results]):.3f}, tried: "
+        f"{np.mean([r['best_holds'] for r in results]):.3f}, gain {gains.mean():.3f} "
+        f"({low:.3f} to {high:.3f})",
+        f"said to mend, and does not: untried {wrong:.1f} of {len(said)}, tried {wrong_kept:.1f} "
+        f"of {len(kept)}",
+        f"processor time of a trial: mean {np.mean(times):.2f} s, longest {max(times):.2f} s",
     ]
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import datetime as dt
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -13,9 +15,8 @@ import numpy as np
 import rtask
 from rtask.engine import Engine
 from rtask.rdf.namespaces import PREFIXES
-from rtask.tasks.tasks import Tasks
 from simulate.study.tasks.trial import lab_update
-from simulate.study.why.truth import KINDS, OPEN_KINDS, Deed, Truth
+from simulate.study.why.truth import KINDS, OPEN_KINDS, Deed, Truth, replaced
 from simulate.world.seeds import stream
 
 __all__ = ["run_trial"]
@@ -30,6 +31,15 @@ _HISTORY_S = 4 * 3600.0
 """How long ago the attempts were that came before."""
 _AS_STEP = ("late", "dropped", "stale_place")
 """Kinds that may end a step without an attempt."""
+
+_DRAWS = 20
+"""How often each change is carried out in truth."""
+_NO_BUDGET_S = 600.0
+
+
+def _folder(settings: Mapping[str, Any]) -> AbstractContextManager[str]:
+    """Return where the graph is: only a folder has branches."""
+    return TemporaryDirectory() if settings.get("tries") else nullcontext(":memory:")
 
 
 @dataclass
@@ -74,7 +84,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     right = "unknown" if kind in OPEN_KINDS else kind
     robot = "nao-1" if kind == "too_heavy" else str(rng.choice(_ROBOTS))
     truth = Truth(kind, robot, rng)
-    with rtask.open(":memory:", base=_BASE) as kb, Engine(kb) as engine:
+    with _folder(settings) as where, rtask.open(where, base=_BASE) as kb, Engine(kb) as engine:
         lab = _Lab(engine, truth, rng, float(rng.uniform(0.12, 0.25)))
         kb.update(lab_update(rng, 6))
         kb.update(_details(lab))
@@ -84,7 +94,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         began = time.process_time()
         answer = rtask.connect(engine).call("explain_failure", subject=subject)
         asked_s = time.process_time() - began
-        tried = _tried(kb, subject, number) if settings.get("tries") else {}
+        tried = _tried(lab, deed, subject, number) if settings.get("tries") else {}
         return {
             "kind": kind, "says": answer["causes"][0]["kind"], "reason": answer["reason"],
             "chance": answer["causes"][0]["chance"],
@@ -97,15 +107,36 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         }  # fmt: skip
 
 
-def _tried(kb: Any, subject: str, number: int) -> dict[str, Any]:
-    """Return what comes of the change in physics, and what trying it takes."""
+def _tried(lab: _Lab, deed: Deed, subject: str, number: int) -> dict[str, Any]:
+    """Return what comes of the changes on branches, and of the one that held there in truth."""
     # The physics engine is imported only where something is tried.
-    from simulate.tasks.failure_trial import try_change
+    from simulate.tasks.trials import TrialOptions, try_changes
 
-    diagnosis = Tasks(kb).why(subject)
     began = time.process_time()
-    trial = try_change(diagnosis, seed=number)
-    return {"trial": trial.to_dict(), "tried_s": time.process_time() - began}
+    options = TrialOptions(seed=number, budget_s=_NO_BUDGET_S)
+    diagnosis, trial = try_changes(lab.engine.kb, subject, options)
+    tried_s = time.process_time() - began
+    first = diagnosis.change
+    assert first is not None
+    # The truth knows no places, so that it cannot judge a change of that.
+    judged = [tried for tried in trial.ranked if tried.change.kind != "place"]
+    best = next((tried.change for tried in judged if tried.verdict == "held"), first)
+    verdict = next((t.verdict for t in judged if t.change == first), "not_tried")
+    return {
+        "tried_s": tried_s, "verdict": verdict, "best": best.kind, "is_other": best != first,
+        "in_physics": sum(tried.in_physics for tried in judged),
+        "first_holds": _share_held(lab, deed, first.to_dict(), number),
+        "best_holds": _share_held(lab, deed, best.to_dict(), number),
+    }  # fmt: skip
+
+
+def _share_held(lab: _Lab, deed: Deed, change: Mapping[str, Any], number: int) -> float:
+    """Return how often a change holds in truth, with the same draws for each change."""
+    held = []
+    for k in range(_DRAWS):
+        rng = stream(number, _STREAM + 1, k)
+        held.append(_holds(replace(lab, truth=replaced(lab.truth, rng), rng=rng), deed, change))
+    return float(np.mean(held))
 
 
 def _details(lab: _Lab) -> str:

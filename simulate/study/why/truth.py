@@ -7,12 +7,13 @@ without a cause.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-__all__ = ["KINDS", "OPEN_KINDS", "Deed", "Truth"]
+__all__ = ["KINDS", "OPEN_KINDS", "Deed", "Truth", "replaced"]
 
 _HOLDS = 0.95
 _REPORTS: Mapping[str, Mapping[str, float]] = {
@@ -138,6 +139,13 @@ class Truth:
         """Return what a robot reports when the cause has made it fail."""
         reports = {**_REPORTS, **_OPEN_REPORTS}[self.kind]
         return _drawn(tuple(reports), list(reports.values()), self.rng)
+
+
+def replaced(truth: Truth, rng: np.random.Generator) -> Truth:
+    """Return the same cause with other chances."""
+    result = copy.copy(truth)
+    result.rng = rng
+    return result
 
 
 def _drawn(names: Sequence[str], chances: Sequence[float], rng: np.random.Generator) -> str:

@@ -50,6 +50,7 @@ def test_a_question_appears_is_read_and_answered(
     with rtask.connect(server.url, token=token) as ann:
         prices = {"asking_price": 5, "failing_price": 60}
         ann.call("store_plan", goal="every cup into the left box", **prices)
+        ann.call("store_plan", goal="every pen into the right box")
     picture = bytes(cv2.imencode(".png", np.full((120, 160, 3), 200, np.uint8))[1])
     with open_page(browser, server.url, token, **SIZES[size]) as page:
         page.goto(f"{server.url}/questions")
@@ -61,6 +62,9 @@ def test_a_question_appears_is_read_and_answered(
             chance=0.0, picture=picture,
         )  # fmt: skip
         assert asked["asked"]
+        other = robot.call("claim_step")  # it goes on with something else meanwhile
+        assert "pen" in other["text"]
+        robot.call("end_step", task=other["task"], result="released")
         page.get_by_role("heading", name=text).wait_for()  # without loading the page again
         assert fits(page)
         image = page.locator(".card img")

@@ -79,7 +79,7 @@ _OTHERS = {
     "words, remarks, queries and commands": """comment correct decline kind label message new_name
         note query reason remark request start_with text wanted words""",
     "names of robots, people and branches, which are no IRIs": """
-        agent author branch hand robot role""",
+        agent author branch hand keep robot role""",
     "names of services, datasets, versions and what belongs to them": """after arguments before
         key mapping method path paths rules services version where""",
     "numbers of commits, attempts and tokens": "commit commits task_id token_id",
