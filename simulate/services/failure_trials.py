@@ -63,7 +63,7 @@ class ChangesTried(Answer):
     """how often each cause was drawn"""
     changes: list[TriedChangeAnswer]
     assumed: list[str]
-    kept: str
+    branch: str
     """name of the branch that was kept; empty if none was"""
     refusal: str
     """why nothing was tried; empty if something was"""

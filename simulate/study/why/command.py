@@ -83,10 +83,10 @@ def _trial_lines(results: Results) -> list[str]:
         of = [result["first_holds"] for result in results if result["verdict"] == verdict]
         share = f", of which {np.mean(of):.2f} hold in truth" if of else ""
         lines.append(f"first change {verdict.replace('_', ' ')} in the trial: {len(of)}{share}")
-    said = [result for result in results if result["mends"]]
-    wrong = sum(1 - result["first_holds"] for result in said)
-    kept = [result for result in said if result["verdict"] != "failed"]
-    wrong_kept = sum(1 - result["best_holds"] for result in kept)
+    claims = [result for result in results if result["mends"]]
+    wrong = sum(1 - result["first_holds"] for result in claims)
+    claimed = [result for result in claims if result["verdict"] != "failed"]
+    wrong_tried = sum(1 - result["best_holds"] for result in claimed)
     times = [result["tried_s"] for result in results]
     return [
         *lines,
@@ -94,8 +94,8 @@ def _trial_lines(results: Results) -> list[str]:
         f"holds in truth, untried: {np.mean([r['first_holds'] for r in results]):.3f}, tried: "
         f"{np.mean([r['best_holds'] for r in results]):.3f}, gain {gains.mean():.3f} "
         f"({low:.3f} to {high:.3f})",
-        f"said to mend, and does not: untried {wrong:.1f} of {len(said)}, tried {wrong_kept:.1f} "
-        f"of {len(kept)}",
+        f"said to mend, and does not: untried {wrong:.1f} of {len(claims)}, tried "
+        f"{wrong_tried:.1f} of {len(claimed)}",
         f"processor time of a trial: mean {np.mean(times):.2f} s, longest {max(times):.2f} s",
     ]
 

@@ -8,12 +8,13 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 import rtask
 from rtask.engine import Engine
+from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.namespaces import PREFIXES
 from simulate.study.tasks.trial import lab_update
 from simulate.study.why.truth import KINDS, OPEN_KINDS, Deed, Truth, replaced
@@ -84,7 +85,11 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     right = "unknown" if kind in OPEN_KINDS else kind
     robot = "nao-1" if kind == "too_heavy" else str(rng.choice(_ROBOTS))
     truth = Truth(kind, robot, rng)
-    with _folder(settings) as where, rtask.open(where, base=_BASE) as kb, Engine(kb) as engine:
+    with (
+        _folder(settings) as where,
+        cast(KnowledgeBase, rtask.open(where, base=_BASE)) as kb,
+        Engine(kb) as engine,
+    ):
         lab = _Lab(engine, truth, rng, float(rng.uniform(0.12, 0.25)))
         kb.update(lab_update(rng, 6))
         kb.update(_details(lab))
@@ -94,7 +99,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         began = time.process_time()
         answer = rtask.connect(engine).call("explain_failure", subject=subject)
         asked_s = time.process_time() - began
-        tried = _tried(lab, deed, subject, number) if settings.get("tries") else {}
+        tried = _tried(kb, lab, deed, subject, number) if settings.get("tries") else {}
         return {
             "kind": kind, "says": answer["causes"][0]["kind"], "reason": answer["reason"],
             "chance": answer["causes"][0]["chance"],
@@ -107,14 +112,14 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         }  # fmt: skip
 
 
-def _tried(lab: _Lab, deed: Deed, subject: str, number: int) -> dict[str, Any]:
+def _tried(kb: KnowledgeBase, lab: _Lab, deed: Deed, subject: str, number: int) -> dict[str, Any]:
     """Return what comes of the changes on branches, and of the one that held there in truth."""
     # The physics engine is imported only where something is tried.
     from simulate.tasks.trials import TrialOptions, try_changes
 
     began = time.process_time()
     options = TrialOptions(seed=number, budget_s=_NO_BUDGET_S)
-    diagnosis, trial = try_changes(lab.engine.kb, subject, options)
+    diagnosis, trial = try_changes(kb, subject, options)
     tried_s = time.process_time() - began
     first = diagnosis.change
     assert first is not None

@@ -14,7 +14,7 @@ from simulate.tasks.body import Attempted, Deed
 from simulate.tasks.lab import LabRobot
 from simulate.tasks.trials.physics import (
     IN_PHYSICS,
-    draw_thing,
+    draw_object,
     draw_weakness,
     grasp_holds,
     gripper_of,
@@ -127,7 +127,7 @@ def _draw(hidden: Hidden, hypothesis: Hypothesis, rng: np.random.Generator) -> B
     noise = int(rng.integers(2**31))
     if hypothesis.kind in IN_PHYSICS and failure.length and failure.width:
         for _ in range(_REDRAWS):
-            thing = draw_thing(failure, hypothesis, rng)
+            thing = draw_object(failure, hypothesis, rng)
             noise = int(rng.integers(2**31))
             cause = BelievedCause(hypothesis, luck, thing, draw_weakness(hypothesis, rng), noise)
             holds, is_physical = hidden.holds(cause, failure.tried)

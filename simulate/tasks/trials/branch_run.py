@@ -88,8 +88,8 @@ def run_on_branch(
             for iri in sorted(lab.hands)
         }  # fmt: skip
         if supposition.looks:
-            found = _looked(planner, robots, failure.tried.thing)
-            if not found:
+            is_seen = _looked(planner, robots, failure.tried.thing)
+            if not is_seen:
                 return BranchRun(failed_with="no robot sees it within its reach")
         if supposition.clears:
             cleared = _clear(planner, lab, robots, goal, failure)
@@ -180,8 +180,8 @@ def _carry_out(
         turns = [executor.turn() for executor in executors]
         failed = next((turn for turn in turns if turn.result not in ("done", "idle")), None)
         if failed is not None:
-            said = f"{failed.text}: {failed.comment}"
-            return BranchRun(False, steps, said, any(picked))
+            comment = f"{failed.text}: {failed.comment}"
+            return BranchRun(False, steps, comment, any(picked))
         if all(turn.result == "idle" for turn in turns):
             break
     state = _state(planner, stored["task"])

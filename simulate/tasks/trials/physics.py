@@ -16,7 +16,7 @@ from simulate.world.hidden import Part, Secret
 from simulate.world.objects import Friction, ObjectSpec
 from simulate.world.world import World
 
-__all__ = ["IN_PHYSICS", "MASS_KG", "draw_thing", "draw_weakness", "grasp_holds", "gripper_of"]
+__all__ = ["IN_PHYSICS", "MASS_KG", "draw_object", "draw_weakness", "grasp_holds", "gripper_of"]
 
 IN_PHYSICS = ("centre_of_mass", "weak_zone", "slippery", "too_heavy", "weak_hand", "chance")
 """Kinds of causes that a hand and a thing alone show."""
@@ -40,7 +40,7 @@ def gripper_of(hand: Hand) -> ParallelGripper | None:
         return parallel_jaw(hand.opening) if hand.opening else None
 
 
-def draw_thing(failure: Failure, cause: Hypothesis, rng: np.random.Generator) -> ObjectSpec:
+def draw_object(failure: Failure, cause: Hypothesis, rng: np.random.Generator) -> ObjectSpec:
     """Return the thing with what a cause hides in it."""
     length, width = float(failure.length or 0.0), float(failure.width or 0.0)
     mass, friction, secret = failure.mass or MASS_KG, Friction(), Secret()

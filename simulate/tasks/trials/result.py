@@ -53,8 +53,8 @@ class TriedChange:
         """95 % interval of the share of tries in which it held (Wilson 1927)."""
         if not self.tries:
             return 0.0, 1.0
-        found = stats.binomtest(self.held, self.tries).proportion_ci(0.95, method="wilson")
-        return float(found.low), float(found.high)
+        share = stats.binomtest(self.held, self.tries).proportion_ci(0.95, method="wilson")
+        return float(share.low), float(share.high)
 
     @property
     def text(self) -> str:
@@ -98,7 +98,7 @@ class ChangeTrial:
         How often each cause was drawn, by its kind.
     assumed
         What the graph does not say, in words.
-    kept
+    branch
         Name of the branch that was kept; empty if none was.
     refusal
         Why nothing at all was tried; empty if something was.
@@ -108,7 +108,7 @@ class ChangeTrial:
     believed: float = 0.0
     drawn: tuple[tuple[str, int], ...] = ()
     assumed: tuple[str, ...] = ()
-    kept: str = ""
+    branch: str = ""
     refusal: str = ""
 
     @property
@@ -125,7 +125,7 @@ class ChangeTrial:
     def text(self) -> str:
         """All of it in words."""
         where = (
-            f"branch {self.kept} is kept; nothing else was stored" if self.kept
+            f"branch {self.branch} is kept; nothing else was stored" if self.branch
             else "nothing was stored"
         )  # fmt: skip
         if self.refusal:
@@ -144,6 +144,6 @@ class ChangeTrial:
         return {
             "holds": self.holds, "believed": round(self.believed, 4),
             "drawn": dict(self.drawn), "changes": [tried.to_dict() for tried in self.ranked],
-            "assumed": list(self.assumed), "kept": self.kept, "refusal": self.refusal,
+            "assumed": list(self.assumed), "branch": self.branch, "refusal": self.refusal,
             "text": self.text,
         }  # fmt: skip

@@ -97,8 +97,8 @@ def _supposed(failure: Failure, change: Change) -> Supposition:
     if change.kind == "look":
         return replace(usual, looks=True)
     if change.kind == "clear":
-        known = "" if failure.neighbours else "the graph knows of nothing beside it"
-        return replace(usual, clears=True, refusal=known)
+        refusal = "" if failure.neighbours else "the graph knows of nothing beside it"
+        return replace(usual, clears=True, refusal=refusal)
     if not own.hand.iri:
         return replace(usual, refusal="the graph does not say which hand failed")
     if change.kind == "place" and failure.origin == own.hand.iri:

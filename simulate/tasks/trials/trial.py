@@ -23,9 +23,9 @@ from rtask.tasks.diagnosis import Diagnosis, beliefs_of
 from rtask.tasks.diagnosis.attempt import Failure
 from rtask.tasks.diagnosis.reading import read_hands
 from rtask.tasks.tasks import Tasks
-from simulate.tasks.failure_trial import try_change
 from simulate.tasks.trials.believed import BelievedCause, Hidden, draw_causes
 from simulate.tasks.trials.branch_run import BranchRun, run_on_branch
+from simulate.tasks.trials.hand_alone import try_change
 from simulate.tasks.trials.physics import MASS_KG
 from simulate.tasks.trials.result import ChangeTrial, TriedChange
 from simulate.tasks.trials.supposed import Supposition, suppositions
@@ -132,11 +132,11 @@ def try_changes(
     with Hidden(failure, hands) as hidden:
         causes = draw_causes(hidden, beliefs, options.tries, options.seed)
         run = _Run(graph, hidden, causes, options, end_s, progress)
-        changes, kept = run.all(suppositions(diagnosis))
+        changes, branch = run.all(suppositions(diagnosis))
     return diagnosis, ChangeTrial(
         changes, sum(chance for _, chance in beliefs),
         tuple(Counter(cause.hypothesis.kind for cause in causes).most_common()),
-        _assumed(failure, causes), kept,
+        _assumed(failure, causes), branch,
     )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ from simulate.services import FailureTrials
 from simulate.tasks.trials import ChangeTrial, TrialOptions, TriedChange, try_changes
 from simulate.tasks.trials.trial import _by_hand
 from tests.rtask.tasks.conftest import BASE, LAB, LEFT, NAO, PANDA, PEN, RIGHT, TABLE
-from tests.simulate.tasks.test_failure_trial import HEAVY_LEFT
+from tests.simulate.tasks.test_hand_alone import HEAVY_LEFT
 
 ANN = Access("ann", "teacher")
 MIDDLE = f"{BASE}place/middle"
@@ -96,7 +96,7 @@ def test_the_best_change_is_kept_on_a_branch_that_can_be_asked(lab):
     kb, step, folder = lab
     before = state_of(folder, kb)
     _, trial = try_changes(kb, step, TrialOptions(tries=1, keep="mended"))
-    assert trial.kept == "mended"
+    assert trial.branch == "mended"
     where = f"{PREFIXES} ASK {{ <{PEN}> rt:locatedOn <{RIGHT}> }}"
     (record,) = kb.branches()
     assert "another place" in record.note

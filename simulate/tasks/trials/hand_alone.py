@@ -22,7 +22,7 @@ from rtask.tasks.diagnosis.attempt import Failure, Hand
 from simulate.tasks.trials.physics import (
     IN_PHYSICS,
     MASS_KG,
-    draw_thing,
+    draw_object,
     draw_weakness,
     grasp_holds,
     gripper_of,
@@ -136,7 +136,7 @@ def try_change(diagnosis: Diagnosis, tries: int = 5, seed: int = 0) -> FailureTr
         while done < min(tries, MAX_TRIES) and time.process_time() - began < _CPU_S:
             cause = beliefs[int(rng.choice(len(beliefs), p=chances / chances.sum()))][0]
             # Both grasps meet the same draw, so that only the change differs between them.
-            thing, weakness = draw_thing(failure, cause, rng), draw_weakness(cause, rng)
+            thing, weakness = draw_object(failure, cause, rng), draw_weakness(cause, rng)
             failed_held += grasp_holds(world, thing, failure, failure.tried, weakness, rng)
             held += grasp_holds(world, thing, failure, changed, weakness, rng)
             done += 1

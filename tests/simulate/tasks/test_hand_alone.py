@@ -12,7 +12,7 @@ from rtask.engine import Engine
 from rtask.kb.commit.access import Access
 from rtask.tasks.diagnosis import diagnose
 from rtask.tasks.diagnosis.attempt import Failure, Hand, Try
-from simulate.tasks.failure_trial import try_change
+from simulate.tasks.trials.hand_alone import try_change
 from tests.rtask.tasks.conftest import BASE, LAB
 
 EVERYTHING = "SELECT ?g ?s ?p ?o WHERE { GRAPH ?g { ?s ?p ?o } }"
