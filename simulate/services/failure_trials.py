@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from annotated_types import Ge, Le, MaxLen, MinLen
 
 from rtask.services import Call, Service, data_resource, method
 from rtask.wire.message import Answer
 from rtask.wire.types import Number, Unit, Whole
+
+if TYPE_CHECKING:
+    from rtask.tasks.diagnosis import Diagnosis
+    from simulate.tasks.trials import ChangeTrial
 
 __all__ = ["FailureTrials"]
 
@@ -63,12 +67,20 @@ class ChangesTried(Answer):
     """how often each cause was drawn"""
     changes: list[TriedChangeAnswer]
     assumed: list[str]
-    branch: str
-    """name of the branch that was kept; empty if none was"""
     refusal: str
     """why nothing was tried; empty if something was"""
     text: str
     """the trial in words"""
+
+
+class BestChange(Answer):
+    """The change that held, on its branch."""
+
+    holds: bool
+    """whether a change held in most of its tries; else there is no branch"""
+    branch: str
+    text: str
+    """the causes and the trial in words"""
 
 
 class FailureTrials(Service):
@@ -109,7 +121,13 @@ class FailureTrials(Service):
         budget
             Time after which no try begins; the rest is answered as not tried.
         """
-        return self._answer(subject, call, tries, seed, budget, "")
+        diagnosis, trial = self._tried(subject, call, tries, seed, budget, "")
+        fields: dict[str, Any] = trial.to_dict()
+        del fields["branch"]
+        changes = [TriedChangeAnswer(**change) for change in fields.pop("changes")]
+        return ChangesTried(
+            subject=diagnosis.failure.subject, why=diagnosis.text, changes=changes, **fields
+        )
 
     @method(effect="writes", scope="write")
     def keep_change(
@@ -120,7 +138,7 @@ class FailureTrials(Service):
         tries: _Tries = 5,
         seed: _Seed = 0,
         budget: _Budget = 30.0,
-    ) -> ChangesTried:
+    ) -> BestChange:
         """Try as `try_changes`, and keep the best change that held on a branch of its own.
 
         Parameters
@@ -137,19 +155,16 @@ class FailureTrials(Service):
         budget
             Time after which no try begins; the rest is answered as not tried.
         """
-        return self._answer(subject, call, tries, seed, budget, branch)
+        diagnosis, trial = self._tried(subject, call, tries, seed, budget, branch)
+        text = f"{diagnosis.text}\n{trial.text}"
+        return BestChange(holds=trial.holds, branch=trial.branch, text=text)
 
-    def _answer(
+    def _tried(
         self, subject: str, call: Call, tries: int, seed: int, budget: float, keep: str
-    ) -> ChangesTried:
+    ) -> tuple[Diagnosis, ChangeTrial]:
         # The physics engine is loaded with the first trial, not with every server.
         from simulate.tasks.trials import TrialOptions, require_keep, try_changes
 
         require_keep(keep)
         options = TrialOptions(tries, seed, budget, keep, call.caller)
-        diagnosis, trial = try_changes(self.graph.trunk, subject, options, call.progress)
-        fields: dict[str, Any] = trial.to_dict()
-        changes = [TriedChangeAnswer(**change) for change in fields.pop("changes")]
-        return ChangesTried(
-            subject=diagnosis.failure.subject, why=diagnosis.text, changes=changes, **fields
-        )
+        return try_changes(self.graph.trunk, subject, options, call.progress)

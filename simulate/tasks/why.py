@@ -58,7 +58,7 @@ def why(
     if as_json:
         click.echo(json.dumps(answer))
     else:
-        click.echo(f"{answer['why']}\n{answer['text']}")
+        click.echo("\n".join(filter(None, (answer.get("why"), answer["text"]))))
     if not answer["holds"]:
         raise SystemExit(1)
 
