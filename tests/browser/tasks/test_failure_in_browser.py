@@ -11,15 +11,15 @@ import pytest
 import rtask
 from endpoint.access.tokens import TokenStore
 from tests.browser.every_page.audits import AUDITS
-from tests.browser.pages import EACH_LOOK, LOOKS, fits, keep_picture, open_page
+from tests.browser.pages import LOOKS, fits, keep_picture, open_page
 from tests.rtask.tasks.conftest import BASE, PEN, RIGHT
 from tests.servers import running_server
 from tests.simulate.tasks.test_trials_on_branches import failed_step
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+pytestmark = [pytest.mark.browser, pytest.mark.deep]
 
 
-@pytest.mark.parametrize("look", EACH_LOOK)
+@pytest.mark.parametrize("look", LOOKS)
 def test_what_would_have_helped_is_tried_by_keyboard(
     browser: Any, tmp_path: Path, look: str
 ) -> None:
@@ -36,7 +36,8 @@ def test_what_would_have_helped_is_tried_by_keyboard(
         page.goto(f"{server.url}/why?iri={step}")
         page.get_by_role("button", name="Try what would have helped").focus()
         page.keyboard.press("Enter")
-        page.get_by_text("another place: panda-1 does not take it at table").wait_for()
+        page.get_by_role("button", name="Try again").wait_for()
+        assert page.get_by_text("another place: panda-1 does not take it at table").is_visible()
         assert page.get_by_text("held", exact=True).first.is_visible()
         page.get_by_text("The plan, without physics").first.focus()
         page.keyboard.press("Enter")
