@@ -40,7 +40,7 @@ def owners(select: Select, tokens: Sequence[str]) -> Iterator[Mention]:
     for start in range(len(tokens)):
         for end in range(start + 1, min(start + _MAX_WORDS, len(tokens)) + 1):
             words = [*tokens[start : end - 1], _POSSESSIVE.sub("", tokens[end - 1])]
-            if all(word[:1].isalpha() for word in words):
+            if all(word[:1].isalpha() for word in words) and _may_own(tokens, start, end):
                 spans.setdefault(" ".join(words).lower(), []).append((start, end))
     links = _links(select, spans) if spans else {}
     for name, of_property in links.items():
@@ -50,6 +50,17 @@ def owners(select: Select, tokens: Sequence[str]) -> Iterator[Mention]:
             if prop:
                 text = f"{wording} ({local_name(prop)})"
                 yield Mention(start, end, text, "owner", tuple(of_property[prop]))
+
+
+def _may_own(tokens: Sequence[str], start: int, end: int) -> bool:
+    """Return whether a stretch stands where somebody can whose things are meant.
+
+    A kind has a name as well, and all things are linked to theirs: not every word is looked up.
+    """
+    before = tokens[start - 1].lower() if start else ""
+    after = tokens[end].lower() if end < len(tokens) else ""
+    is_possessive = bool(_POSSESSIVE.search(tokens[end - 1]))
+    return is_possessive or before in ("to", "by", "of") or after in ("owns", "has", "possesses")
 
 
 def _links(select: Select, names: Mapping[str, object]) -> dict[str, dict[str, dict[Term, None]]]:
