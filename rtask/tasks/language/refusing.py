@@ -41,8 +41,14 @@ _BEYOND = {
         "whose a thing is the graph does not say: name it, or say what it is like"),
     **dict.fromkeys(
         ("without", "do not", "never", "avoid"),
-        "what may not be done is no goal, as robots move what is in their way: say how things are "
-        "to be in the end, such as 'leave the jug where it is' or 'no cup may stay on the table'"),
+        "what may not be done is understood of things that are not to be touched and of robots: "
+        "say 'without touching the jug', 'don't use nao-1' or 'keep everything else where it is' "
+        "beside what is to be done, or how things are to be in the end: 'leave the jug where it "
+        "is'"),
+    **dict.fromkeys(
+        ("until", "till", "as long as", "whenever", "while"),
+        "what lasts or comes again is no goal, nor is how full a place is: say how many things, or "
+        "how they are to be in the end"),
     **dict.fromkeys(
         ("carefully", "gently", "slowly", "quickly", "fast", "quietly", "straight"),
         "how a robot moves is no part of a goal: leave it out"),

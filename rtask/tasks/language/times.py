@@ -25,6 +25,8 @@ _CLOCK = re.compile(
 _OTHER = re.compile(
     r"\b(?:by|before|until|till)\s+(?:tonight|tomorrow|today|(?:this |the )?(?:morning|evening|"
     r"afternoon)|next \w+|monday|tuesday|wednesday|thursday|friday|saturday|sunday)\b|"
+    r"\b(?:at|by|before|until|till|after|from)\s+(?:one|two|three|four|five|six|seven|eight|nine|ten|"
+    r"eleven|twelve)(?:\s+o['’]clock)?(?=\s*(?:[,.;!]|$))|"
     r"\b(?:at|until|till|after|from)\s+(?:\d{1,2}[:.]\d\d|\d{1,2}\s?(?:am|pm)|noon|midnight)\b",
     re.I,
 )

@@ -50,6 +50,7 @@ def wide():
         ("put the cups on the shelf, but only two at a time", "X"),
         ("put the cups in the left box and take them out again", "X"),
         ("someone put the cups in the left box", "X"),
+        ("put the cups on the shelf before three", "X"),
         ("nao-1 said it put the cups on the shelf", "X"),
     ],
 )  # fmt: skip
