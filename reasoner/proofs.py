@@ -269,7 +269,7 @@ class Prover:
             return set()
         return {
             (tuple(ground(atom, bindings) for atom in rule.body), self._absent(rule, bindings))
-            for bindings in solve(self._view, self._terms, rule.backward_steps, env)
+            for bindings in solve(self._view, self._terms, rule.backward_steps(goal), env)
             if rule.conclude(bindings) == goal
         }
 

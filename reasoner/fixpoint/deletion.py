@@ -167,7 +167,7 @@ class Retraction:
             env = rule.environment()
             if bind(rule.head, fact, self._terms, env) and any(
                 rule.conclude(bindings) == fact
-                for bindings in solve(self._layer, self._terms, rule.backward_steps, env)
+                for bindings in solve(self._layer, self._terms, rule.backward_steps(fact), env)
             ):
                 return True
         return False

@@ -249,11 +249,22 @@ class Rule:
         """Body and conditions in matching order, nothing bound."""
         return arrange(self.body, self.conditions, frozenset())
 
+    def backward_steps(self, fact: Fact) -> tuple[Step, ...]:
+        """Return body and conditions in matching order for a fact that the head is bound to."""
+        return self._backward_to_value if fact[2] >= LITERAL else self._backward_to_thing
+
     @cached_property
-    def backward_steps(self) -> tuple[Step, ...]:
-        """Body and conditions in matching order, the head's variables bound."""
+    def _backward_to_thing(self) -> tuple[Step, ...]:
         bound = self.head.variables if self.head else frozenset()
         return arrange(self.body, self.conditions, bound)
+
+    @cached_property
+    def _backward_to_value(self) -> tuple[Step, ...]:
+        assert self.head is not None
+        # All hands of a fleet may have one payload: begun there, what one robot lifted is looked
+        # for among the attempts of all, which grow with the store.
+        values = frozenset((self.head.o,)) - {self.head.s}
+        return arrange(self.body, self.conditions, self.head.variables, values)
 
     @property
     def absences(self) -> tuple[Absent, ...]:
@@ -309,18 +320,31 @@ def ground(atom: Atom, env: Bindings) -> Fact:
 
 
 def arrange(
-    atoms: Iterable[Atom], conditions: Iterable[Condition], bound: frozenset[int]
+    atoms: Iterable[Atom],
+    conditions: Iterable[Condition],
+    bound: frozenset[int],
+    values: frozenset[int] = frozenset(),
 ) -> tuple[Step, ...]:
     """Order atoms most-bound-first, each condition as soon as its variables are bound.
 
     Of two atoms with one bound end, that of a known variable comes first: a constant such as `true`
-    may have thousands of subjects.
+    may have thousands of subjects, and so may a variable that is bound to a literal.
+
+    Parameters
+    ----------
+    bound
+        Variables that are bound before.
+    values
+        Those of them that are bound to literals.
 
     >>> chain = (Atom(-2, 300, -3), Atom(-1, 301, -2))
     >>> [atom.p for atom in arrange(chain, (), frozenset({-1}))]
     [301, 300]
     >>> flagged = (Atom(-2, 300, 99), Atom(-2, 301, -1))
     >>> [atom.p for atom in arrange(flagged, (), frozenset({-1}))]
+    [301, 300]
+    >>> two_ends = (Atom(-3, 300, -2), Atom(-3, 301, -1))
+    >>> [atom.p for atom in arrange(two_ends, (), frozenset({-1, -2}), frozenset({-2}))]
     [301, 300]
     """
     left, waiting, settled = list(atoms), list(conditions), set(bound)
@@ -341,7 +365,7 @@ def arrange(
     while left:
         # Greedy: bodies have a handful of atoms, and an order by actual sizes would have to be
         # found anew for each change.
-        best = max(left, key=lambda atom: _selectivity(atom, settled))
+        best = max(left, key=lambda atom: _selectivity(atom, settled, values))
         left.remove(best)
         steps.append(best)
         settled |= best.variables
@@ -352,9 +376,9 @@ def arrange(
     return tuple(steps)
 
 
-def _selectivity(atom: Atom, bound: set[int]) -> tuple[int, int, bool]:
-    has_bound = [x in bound for x in (atom.s, atom.o)]
-    is_bound = [x >= 0 or there for x, there in zip((atom.s, atom.o), has_bound, strict=True)]
+def _selectivity(atom: Atom, bound: set[int], values: frozenset[int]) -> tuple[int, int, bool]:
+    has_bound = [x in bound and x not in values for x in (atom.s, atom.o)]
+    is_bound = [x >= 0 or x in bound for x in (atom.s, atom.o)]
     if atom.p == TYPE and atom.s < 0 and not is_bound[0] and atom.o >= 0:
         return 0, 0, True  # a whole class is seldom a good start
     return sum(is_bound), sum(has_bound), is_bound[0]

@@ -199,3 +199,23 @@ def test_joins_done_in_parts_give_what_one_join_gives(monkeypatch: pytest.Monkey
     whole = Closure.build(facts, []).digest()
     monkeypatch.setattr(arrays, "MAX_ROWS", 50)
     assert Closure.build(facts, []).digest() == whole
+
+
+def test_what_is_retracted_is_looked_for_from_the_thing_and_not_from_a_common_value() -> None:
+    """Else each attempt that is withdrawn goes through those of all hands of one payload."""
+    bound = (
+        "PREFIX ex: <urn:ex:> CONSTRUCT { ?thing ex:bound ?load } WHERE "
+        "{ ?a ex:executes ?g ; ex:activates ?e . ?e ex:payload ?load . ?g ex:of ?thing }"
+    )
+    facts = []
+    for k in range(3000):
+        facts.append((node(f"h{k}"), node("payload"), Literal(0.3)))
+        facts.append((node(f"a{k}"), node("activates"), node(f"h{k}")))
+        facts.append((node(f"a{k}"), node("executes"), node(f"g{k // 2}")))
+        facts.append((node(f"g{k // 2}"), node("of"), node(f"t{k // 2}")))
+    closure = Closure.build((), facts, rules=[bound])
+    before, few = set(closure.inferred()), ChangeBudget(derived=10, firings=1_000)
+    closure.stage(remove=[(node("a0"), node("executes"), node("g0"))], budget=few).apply()
+    assert set(closure.inferred()) == before
+    closure.stage(remove=[(node("a1"), node("executes"), node("g0"))], budget=few).apply()
+    assert len(before - set(closure.inferred())) == 1
