@@ -29,6 +29,7 @@ from rtask.kb.commit.checks.requirements import (
     check_rights,
     check_size,
 )
+from rtask.kb.commit.checks.testimony import require_own_condition
 from rtask.kb.commit.commit import Change, Commit, Request
 from rtask.kb.commit.foreign import identity
 from rtask.kb.commit.foreign.precedence import NamePrecedence
@@ -199,6 +200,7 @@ class Committer:
             aside += more
             try:
                 access = request.access
+                require_own_condition(derived.added, access, self.graphs)
                 merges = identity.new_merges(change, derived.added, access, self.graphs)
                 if not merges:
                     return derived, staged, aside

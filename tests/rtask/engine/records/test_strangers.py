@@ -9,7 +9,9 @@ import pytest
 from pydantic import BaseModel
 
 import ontology
+import rtask
 from endpoint.access.tokens import TokenStore
+from rtask.engine import Engine
 from rtask.engine.decision_log import DecisionLog
 from rtask.engine.operations.outcome import ReportOutcome
 from rtask.engine.operations.table import OPERATIONS
@@ -287,6 +289,19 @@ DESCRIBING = (
     '<{attempt}> prov:endedAtTime "2030-01-01T00:00:00Z"^^xsd:dateTime',
     '<{robot}> rt:name "liar"',
     '<{robot}/right_hand> rt:gripperType "cup"',
+    "<{robot}> rt:reaches <urn:table>",
+    "<urn:table> rt:beyondReachOf <{robot}/right_hand>",
+    "<{own}> rt:meets <{robot}>",
+    "<{robot}> rt:meets <{own}>",
+    "<{robot}> rt:canGrasp <urn:x>",
+    "<{robot}> rt:hasCapability rt:pushing",
+    "<{robot}/right_hand> rt:providesCapability rt:pushing",
+    "<{robot}> rt:hasEndEffector <{own}/right_hand>",
+    "<urn:hand> rt:endEffectorOf <{robot}>",
+    "<{robot}/right_hand> a rt:OutOfOrder",
+    "<urn:p> a rt:Placement ; rt:placementOf <{robot}/frame/base_footprint>",
+    "<urn:t> rt:targetSurface <urn:table> ; rt:carriedOutBy <{attempt}>",
+    "<urn:t> rt:handles <urn:x> ; rt:through <{attempt}>",
 )
 TERMS = {name: ontology.PREFIXES[name] for name in ("rt", "prov", "xsd")}
 
@@ -301,13 +316,14 @@ def test_no_graph_of_a_robot_changes_what_another_is_did_and_reported(engine, be
     (attempt,) = {quad.subject.value for quad in kb.match(None, RT.hasOutcome)}
     feedback = next(quad.object.value for quad in kb.match(None, RT.hasFeedback))
     own = {"outcome": outcome, "attempt": attempt, "feedback": feedback,
-           "robot": kb.graphs.agent_iri("nao-1").value}  # fmt: skip
+           "robot": kb.graphs.agent_iri("nao-1").value,
+           "own": kb.graphs.agent_iri("nao-2").value}  # fmt: skip
     before = kb.seq
     for described in DESCRIBING:
         statement = described.format(**own)
         sparql = "".join(f"PREFIX {name}: <{iri}> " for name, iri in TERMS.items())
         turtle = "".join(f"@prefix {name}: <{iri}> . " for name, iri in TERMS.items())
-        refusal = r"belongs to 'nao-2'.*is that of 'nao-1'"
+        refusal = r"belongs to 'nao-2'.*which is that of 'nao-1'"
         with pytest.raises(ForbiddenError, match=refusal):
             kb.update(f"{sparql} INSERT DATA {{ {statement} }}", access=stranger)
         data = f"{turtle} {statement} .".encode()
@@ -318,6 +334,28 @@ def test_no_graph_of_a_robot_changes_what_another_is_did_and_reported(engine, be
         f"{sparql} INSERT DATA {{ <urn:o> a rt:GraspOutcome ; rt:success true ; rt:placed true }}"
     )
     assert kb.update(mine, access=stranger).added == 3
+
+
+def test_it_does_not_follow_from_what_a_robot_states_that_another_is_out_of_order():
+    prefixes = f"PREFIX rt: <{TERMS['rt']}> PREFIX rdfs: <{ontology.PREFIXES['rdfs']}>"
+    with rtask.open(":memory:", base="https://example.org/kb/") as kb, Engine(kb) as engine:
+        for name in ("nao-1", "nao-2"):
+            Robot(name, engine).register()
+        own = kb.graphs.agent_iri("nao-2").value
+        stranger = Access("nao-2", "robot")
+        kb.update(
+            f"{prefixes} INSERT DATA {{ <{own}/broken> rdfs:domain rt:OutOfOrder }}",
+            access=stranger,
+        )
+        for taken, is_refused in ((hand(engine, "nao-1"), True), (hand(engine, "nao-2"), False)):
+            text = f"INSERT DATA {{ <{taken}> <{own}/broken> 1 }}"
+            if is_refused:
+                with pytest.raises(ForbiddenError, match="'nao-1', is out of order"):
+                    kb.update(text, access=stranger)
+            else:
+                kb.update(text, access=stranger)
+            asked = f"ASK {{ <{taken}> a <{RT.OutOfOrder.value}> }}"
+            assert kb.query(asked) is not is_refused
 
 
 def test_another_body_under_a_name_is_a_conflict_unless_it_takes_the_place(engine, robots):
