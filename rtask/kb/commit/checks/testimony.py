@@ -66,9 +66,9 @@ def require_own_testimony(
         return
     asked: dict[TripleKey, Quad] = {}
     for quad in with_properties(quads, _matters):
-        for owner, node in _robots_described(quad, graphs):
-            if owner != quote(access.agent or "", safe=""):
-                raise _refused(quad, access, owner, node)
+        for robot, described in _robots_described(quad, graphs):
+            if robot != quote(access.agent or "", safe=""):
+                raise _refused(quad, access, robot, described)
         for node, kind in _testimony(quad):
             asked.setdefault((node, RDF.type, kind), quad)
     if not asked:
