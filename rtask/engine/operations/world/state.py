@@ -163,6 +163,8 @@ def moved(
     ------
     UnknownTermError
         The graph has no such place.
+    UsageError
+        The place is a frame, or the thing itself, or what is on or in it.
     """
     edit = WorldEdit(context.world, context.home_graph(author))
     time_s = stated_instant(None) if time_s is None else time_s
@@ -172,6 +174,11 @@ def moved(
     node = iri(place)
     if not (isinstance(node, NamedNode) and context.kb.match(node)):
         raise UnknownTermError(f"place: the graph has no {place}", field="place")
+    if context.kb.match(node, RDF.type, RT.Frame):
+        raise UsageError(
+            f"place: {place} is a frame, in which things have poses; name the place or thing that "
+            "stands there", field="place",
+        )  # fmt: skip
     agent = context.agent_iri(author).value
     relation: Relation = "in" if inside else "on"
     if context.kb.match(None, RT.hasEndEffector, node):
