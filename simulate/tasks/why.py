@@ -35,7 +35,7 @@ _SERVICE = "rtask/FailureTrials"
     help="Time after which no try begins, s; the rest is not tried.",
 )  # fmt: skip
 @click.option(
-    "--keep", metavar="NAME", default="",
+    "--keep-branch", "keep", metavar="NAME", default="",
     help="Keep the best change that held on a branch of this name.",
 )  # fmt: skip
 @options.json_flag("answer")

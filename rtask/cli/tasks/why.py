@@ -24,7 +24,10 @@ __all__ = ["why"]
     "--try", "tries", is_flag=True,
     help="Try what would have mended it on branches, as `rtask simulate why` does; stores nothing.",
 )  # fmt: skip
-@click.option("--keep", metavar="NAME", default="", help="With --try: keep the best on a branch.")
+@click.option(
+    "--keep-branch", "keep", metavar="NAME", default="",
+    help="With --try: keep the best on a branch of this name.",
+)  # fmt: skip
 @click.pass_context
 def why(
     context: click.Context, subject: str, data: Path, server: str | None, as_json: bool,
@@ -39,7 +42,7 @@ def why(
     code 1 if no change that is known would have sufficed.
     """
     if keep and not tries:
-        raise UsageError("--keep: nothing is kept unless it is tried; add --try")
+        raise UsageError("--keep-branch: nothing is kept unless it is tried; add --try")
     if tries:
         context.invoke(
             _trial_command(context), subject=subject, data=data, server=server, as_json=as_json,

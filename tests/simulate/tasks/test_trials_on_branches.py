@@ -218,11 +218,11 @@ def test_at_the_command_line_the_branch_is_named(tmp_path, capsys):
     with rtask.open(folder, base=BASE) as kb:
         step = failed_step(kb, "ik")
     with pytest.raises(SystemExit) as ended:
-        main(["simulate", "why", step, "-n", "1", "--keep", "mended", "-d", str(folder)])
+        main(["simulate", "why", step, "-n", "1", "--keep-branch", "mended", "-d", str(folder)])
     said = capsys.readouterr().out
     assert ended.value.code == 0
     assert "branch mended is kept" in said
     assert "another place: panda-1 does not take it at table" in said
     with pytest.raises(SystemExit) as ended:
-        main(["why", step, "--keep", "mended", "-d", str(folder)])
+        main(["why", step, "--keep-branch", "mended", "-d", str(folder)])
     assert ended.value.code == 2
