@@ -134,6 +134,7 @@ class ChangeTrial:
         lines = [
             f"tried on a branch of the graph, in simulation; {where}",
             f"  if it is one of the causes that were drawn (chance {self.believed:.2f}): {causes}",
+            "  it explains; followed instead of the proposal above, it held less often in a study",
         ]
         for tried in self.ranked:
             lines += [f"  {line}" for line in tried.text.split("\n")]
