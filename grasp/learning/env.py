@@ -16,6 +16,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.learning.registration import refuse_rendering
+
 __all__ = ["Candidate", "GraspEnv", "Outcome", "Problem", "quadrant"]
 
 QUADRANTS = 4
@@ -107,10 +109,15 @@ class GraspEnv(gymnasium.Env[NDArray[np.float64], int]):
     shuffled
         Each reset draws the object at random, so that environments side by side differ.
 
+    render_mode
+        None: there is no picture.
+
     Raises
     ------
     ValueError
         No objects, or two of the same name.
+    gymnasium.error.UnsupportedMode
+        A mode of rendering is asked for.
     """
 
     def __init__(
@@ -119,7 +126,9 @@ class GraspEnv(gymnasium.Env[NDArray[np.float64], int]):
         outcome: Callable[[Problem, Candidate], Outcome],
         *,
         shuffled: bool = False,
+        render_mode: str | None = None,
     ) -> None:
+        refuse_rendering(render_mode)
         if not problems:
             raise ValueError("there is no object to grasp")
         names = [problem.name for problem in problems]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["ENVIRONMENTS", "register"]
+__all__ = ["ENVIRONMENTS", "refuse_rendering", "register"]
 
 ENVIRONMENTS: dict[str, tuple[str, int | None]] = {
     "rtask/MountainCar-v0": ("grasp.learning.environments.mountain_car:MountainCar", 1000),
@@ -25,3 +25,20 @@ def register() -> None:
     for name, (made_by, most) in ENVIRONMENTS.items():
         if name not in gymnasium.registry:
             gymnasium.register(name, made_by, max_episode_steps=most)
+
+
+def refuse_rendering(mode: str | None) -> None:
+    """Refuse a mode of rendering, as none of these environments draws anything.
+
+    Raises
+    ------
+    gymnasium.error.UnsupportedMode
+        Whichever mode it is.
+    """
+    import gymnasium
+
+    if mode is not None:
+        raise gymnasium.error.UnsupportedMode(
+            f"render_mode {mode!r}: this environment has no picture, its render_modes are []; "
+            "leave render_mode out"
+        )

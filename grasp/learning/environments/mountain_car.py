@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.learning.environments.discretise import Bins
+from grasp.learning.registration import refuse_rendering
 from grasp.learning.transition import Transition
 
 __all__ = ["MountainCar"]
@@ -34,7 +35,8 @@ class MountainCar(gymnasium.Env[NDArray[np.float64], int]):
     highest_reward = 0.0
     max_steps = 1000
 
-    def __init__(self, stochastic: bool = True) -> None:
+    def __init__(self, stochastic: bool = True, *, render_mode: str | None = None) -> None:
+        refuse_rendering(render_mode)
         self.stochastic = stochastic
         self.observation_space = gymnasium.spaces.Box(_LOW, _HIGH, dtype=np.float64)
         self.action_space = gymnasium.spaces.Discrete(3)  # type: ignore[assignment]

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from grasp.learning.env import Candidate, GraspEnv, Outcome, Problem
+from grasp.learning.registration import refuse_rendering
 from grasp.learning.simulated import WorldSettings, make_world
 
 __all__ = ["SimulatedGrasps", "grasp_environment"]
@@ -44,7 +45,10 @@ class SimulatedGrasps(GraspEnv):
         world_seed: int = 0,
         quality: Literal["good", "poor"] | None = None,
         shuffled: bool = True,
+        *,
+        render_mode: str | None = None,
     ) -> None:
+        refuse_rendering(render_mode)  # before the objects are laid out, which takes 2 s
         if objects < 1 or families < 1:
             raise ValueError(f"expected objects and families, got {objects} and {families}")
         if quality not in (None, "good", "poor"):

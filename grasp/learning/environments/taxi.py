@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from grasp.learning.environments.compass import MOVES, aside
 from grasp.learning.environments.discretise import Bins
+from grasp.learning.registration import refuse_rendering
 
 __all__ = ["Taxi"]
 
@@ -41,7 +42,8 @@ class Taxi(gymnasium.Env[NDArray[np.int64], int]):
     highest_reward = 20.0
     max_steps = 1000
 
-    def __init__(self, stochastic: bool = True) -> None:
+    def __init__(self, stochastic: bool = True, *, render_mode: str | None = None) -> None:
+        refuse_rendering(render_mode)
         self.stochastic = stochastic
         self.observation_space = gymnasium.spaces.Box(
             np.zeros(4, dtype=np.int64), np.array([4, 4, 4, 3]), dtype=np.int64

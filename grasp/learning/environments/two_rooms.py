@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from grasp.learning.environments.compass import MOVES, SHARES, SIDES, SOUTH, WEST, aside
 from grasp.learning.environments.discretise import Bins
+from grasp.learning.registration import refuse_rendering
 from grasp.learning.transition import Transition
 
 __all__ = ["TwoRooms"]
@@ -37,7 +38,8 @@ class TwoRooms(gymnasium.Env[NDArray[np.int64], int]):
     highest_reward = 0.0
     max_steps = 1000
 
-    def __init__(self, stochastic: bool = True) -> None:
+    def __init__(self, stochastic: bool = True, *, render_mode: str | None = None) -> None:
+        refuse_rendering(render_mode)
         self.stochastic = stochastic
         self.observation_space = gymnasium.spaces.Box(
             np.array([0, 0]), np.array([_ROWS - 1, _COLUMNS - 1]), dtype=np.int64

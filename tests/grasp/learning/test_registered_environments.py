@@ -15,6 +15,7 @@ from gymnasium.utils.env_checker import check_env
 from grasp.learning.agents import QLearning, run_episodes
 from grasp.learning.env import Candidate, Outcome, Problem
 from grasp.learning.environments import TwoRooms, simulated_grasps
+from grasp.learning.registration import ENVIRONMENTS
 from grasp.learning.simulated import WorldSettings, make_world
 
 
@@ -78,6 +79,15 @@ def test_the_grasp_problem_needs_no_arguments(monkeypatch: pytest.MonkeyPatch) -
     for given, missing in (("problems", "outcome"), ("outcome", "problems")):
         with pytest.raises(ValueError, match=f"{missing} is missing"):
             gymnasium.make("rtask/Grasp-v0", **{given: _GRASP[given]})
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+@pytest.mark.parametrize("mode", ["human", "rgb_array"])
+@pytest.mark.filterwarnings("ignore:.*not in the possible render_modes:UserWarning")
+def test_no_environment_has_a_picture_and_that_is_said(name: str, mode: str) -> None:
+    for options in ({}, _GRASP) if name == "rtask/Grasp-v0" else ({},):
+        with pytest.raises(gymnasium.error.UnsupportedMode, match="leave render_mode out"):
+            gymnasium.make(name, render_mode=mode, **options)
 
 
 @pytest.mark.parametrize(
