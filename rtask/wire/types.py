@@ -115,6 +115,10 @@ class Unit:
         return {**handler(core), "x-unit": self.symbol}
 
 
+_LAST_S = 253_402_300_799.0
+"""End of the year 9999, beyond which there is no calendar date."""
+
+
 def expected(what: str) -> PydanticCustomError:
     """Return the error that says what was expected in place of what came."""
     return PydanticCustomError("expected", "{what}", {"what": what})
@@ -244,13 +248,22 @@ def _pose_message(pose: NDArray[np.float64]) -> dict[str, Any]:
     return pose_message(pose)
 
 
-def _stamp(value: Any) -> float:
-    """Return s since the epoch of a number, or of a stamp of ROS 1 or ROS 2."""
-    if isinstance(value, dict):
-        whole = value.get("sec", value.get("secs", 0))
-        part = value.get("nanosec", value.get("nsecs", 0))
-        return _number(whole) + _number(part) * 1e-9
-    return _number(value)
+def _stamp(value: Any) -> float | None:
+    """Return s since the epoch of a number, or of a stamp of ROS 1 or ROS 2, None if not set."""
+    if not isinstance(value, dict):
+        return _within_dates(_number(value))
+    if not value.keys() & {"sec", "secs"}:
+        raise expected("s since 1970, or {sec, nanosec}")
+    whole = _number(value.get("sec", value.get("secs")))
+    time_s = whole + _number(value.get("nanosec", value.get("nsecs", 0))) * 1e-9
+    # A header that nobody filled in has the time 0, and not 1970 (std_msgs/Header).
+    return _within_dates(time_s) if time_s else None
+
+
+def _within_dates(time_s: float) -> float:
+    if 0.0 <= time_s <= _LAST_S:
+        return time_s
+    raise expected("s since 1970, neither ms nor ns")
 
 
 def _grasp(value: Any) -> str | dict[str, Any]:
@@ -420,7 +433,7 @@ Stamp = Annotated[
     Carried("time", "float | Mapping[str, int]", {"type": "number"}),
     Unit("s"),
 ]
-"""A time, s since the epoch; a stamp of ROS 1 or ROS 2 is read as well."""
+"""A time, s since the epoch; a stamp of ROS 1 or ROS 2 is read as well, as absent if it is 0."""
 _GRASP: Schema = {"anyOf": [{"type": "string"}, {"type": "object"}]}
 
 Grasp = Annotated[

@@ -181,6 +181,20 @@ def test_stamps_of_ros_1_and_ros_2_mean_the_same():
     assert one == two == read(Thing, {"when": "5.5"}).when == 5.5
 
 
+@pytest.mark.parametrize("stamp", [{"secs": 0, "nsecs": 0}, {"sec": 0, "nanosec": 0}, None])
+def test_a_stamp_of_ros_that_nobody_set_is_none(stamp):
+    assert read(Thing, {"when": stamp}).when is None
+
+
+@pytest.mark.parametrize(
+    "stamp",
+    [-5, {"sec": -5, "nanosec": 0}, 1.79e12, 1.79e18, "1.79e18", {"sec": 1.79e12}, {}, {"t": 5}],
+)
+def test_a_stamp_that_is_no_date_is_refused(stamp):
+    with pytest.raises(UsageError, match=r"when: expected s since 1970"):
+        read(Thing, {"when": stamp})
+
+
 def test_poses_points_and_bytes_become_arrays_and_bytes():
     thing = read(
         Thing,
