@@ -70,6 +70,8 @@ class PlannedStep:
         Why each precondition holds.
     after
         Numbers of the steps that must have ended before.
+    for_hand
+        Those of them that it waits for only because of its hand: done by another one, it need not.
     why, outcomes
         What the chance rests on: in words, and the SPARQL query for the outcomes.
     """
@@ -89,6 +91,7 @@ class PlannedStep:
     after: tuple[int, ...] = ()
     why: str = ""
     outcomes: str = ""
+    for_hand: tuple[int, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-able values."""
@@ -160,6 +163,9 @@ class TaskPlan:
     settled
         The goal as JSON with the things that its words meant, where these mean others once a part
         of it is done: what is to be planned again.
+    allows_takeover
+        Whether an idle robot may take over what another one has not begun; not where the goal names
+        who is to do it.
     """
 
     goal: str
@@ -174,6 +180,7 @@ class TaskPlan:
     problem: str
     deadline: dt.datetime | None = None
     settled: str = ""
+    allows_takeover: bool = False
 
     @property
     def chance(self) -> float:

@@ -390,6 +390,7 @@ def _result(
         problem=pddl.problem,
         deadline=task.deadline,
         settled=task.settled,
+        allows_takeover=not task.others,
     )
 
 

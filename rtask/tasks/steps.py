@@ -48,6 +48,10 @@ def excluded_link(atom: Atom) -> tuple[str, str, str] | None:
     return (atom[1], match[1], atom[2]) if match is not None and len(atom) > 2 else None
 
 
+# Facts about these alone change with whoever does the step; the goal and things do not care.
+_OF_ITS_ROBOT = ("assignedTo", "engages")
+
+
 @dataclass(frozen=True)
 class Wording:
     """Names of what a plan mentions, and labels of properties."""
@@ -120,13 +124,19 @@ def planned_steps(
         action, arguments = classes[step.action], dict(step.arguments)
         statements = tuple((prop, arguments[name]) for prop, name in action.statements)
         robots = tuple(value for prop, value in statements if local_name(prop) == "assignedTo")
-        before = [made.get(atom, 0) for atom in step.preconditions]
-        before += [n for atom in step.deletes for n in used.get(atom, ())]
-        before += [n for atom in step.adds for n in ended.get(atom, ())]
+        causes = [(atom, made.get(atom, 0)) for atom in step.preconditions]
+        causes += [(atom, n) for atom in step.deletes for n in used.get(atom, ())]
+        causes += [(atom, n) for atom in step.adds for n in ended.get(atom, ())]
+        before = [n for _, n in causes]
+        own = {value for prop, value in statements if local_name(prop) in _OF_ITS_ROBOT}
+        kept = {n for atom, n in causes if not own.issuperset(atom[1:])}
         if number - 1 in stages:
-            # Those for which no other waits: whatever else there is has ended before them.
-            gate = sorted(ends.keys() - {0} - {n for done in result for n in done.after})
+            # Those for which no other waits: whatever else there is has ended before them. To wait
+            # for a hand does not count, as the order has to hold whoever takes a step over.
+            gate = sorted(ends.keys() - {0} - {n for done in result for n in done.after
+                                               if n not in done.for_hand})  # fmt: skip
         before += gate
+        after = tuple(sorted({n for n in before if n}))
         start_s = max(
             [ends[n] for n in before] + [free.get(robot, 0.0) for robot in robots] + [0.0]
         )
@@ -138,7 +148,8 @@ def planned_steps(
                 wording.step(action, arguments), step.duration_s, step.chance,
                 counts.successes, counts.attempts, start_s,
                 tuple(_support(atom, made, assumed, wording) for atom in step.preconditions),
-                tuple(sorted({n for n in before if n})), evidence.text, evidence.query,
+                after, evidence.text, evidence.query,
+                tuple(n for n in after if n not in kept and n not in gate),
             )
         )  # fmt: skip
         ends[number] = start_s + step.duration_s

@@ -133,6 +133,7 @@ def _statements(
         yield root, RT.failingPrice, float(order.prices.failing)
     if order.allows_part:
         yield root, RT.allowsPart, True
+    yield root, RT.allowsTakeover, plan.allows_takeover
     for refusal in plan.refusals:
         yield root, RT.openGoal, f"{refusal.goal}: {refusal.text}"
     for text in plan.assumptions:
@@ -146,6 +147,7 @@ def _statements(
         task = tasks[step.number]
         yield root, RT.hasSubTask, task
         yield from ((task, RT.waitsFor, tasks[number]) for number in step.after)
+        yield from ((task, RT.waitsForHand, tasks[number]) for number in step.for_hand)
         yield from _step(kb, step, task)
 
 

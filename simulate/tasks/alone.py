@@ -47,7 +47,7 @@ def work_alone(
     before
         Called before each turn, to take in what others have moved.
     tell
-        Called with each turn in which the robot did something.
+        Called with each turn in which the robot did something, or lost steps to others.
     wait
         Called with the number of turns in a row without a step; returns whether to look again.
     """
@@ -55,9 +55,10 @@ def work_alone(
     while True:
         before()
         turn = executor.turn()
+        if turn.result != "idle" or turn.taken:
+            tell(turn)
         if turn.result != "idle":
             idle = 0
-            tell(turn)
             continue
         if not graph.call("list_plans", state="open")["plans"]:
             return True

@@ -111,16 +111,14 @@ def tasks(
 
     from simulate.tasks.alone import work_alone
     from simulate.tasks.crew import Crew
-    from simulate.tasks.executor import Executor
+    from simulate.tasks.executor import Executor, line_of
     from simulate.tasks.lab import places_of, read_lab
 
     def tell(robot: str, turn: Turn) -> None:
-        turns.append({"robot": robot, "result": turn.result, "step": turn.text,
-                      "comment": turn.comment})  # fmt: skip
-        if not as_json:
-            click.echo(
-                f"{turn.result}: {turn.text}" + (f"  ({turn.comment})" if turn.comment else "")
-            )
+        for record in turn.records(robot):
+            turns.append(record)
+            if not as_json:
+                click.echo(line_of(record))
 
     turns: list[dict[str, str]] = []
     if robot is not None and words:

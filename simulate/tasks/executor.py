@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from rtask.errors import ConflictError, RemoteUnavailableError, RtaskError
@@ -20,7 +20,7 @@ from simulate.tasks.actions import TaskAction, available_actions
 from simulate.tasks.body import Attempted, Deed, Seeing, TaskBody, Watching
 from simulate.tasks.questions import Reply, about_acting, about_place, read_reply
 
-__all__ = ["Executor", "Graph", "Turn"]
+__all__ = ["Executor", "Graph", "Turn", "line_of"]
 
 _LEASE_S = 300.0
 
@@ -48,6 +48,8 @@ class Turn:
         The step, and what happened.
     stuck
         Plans, by IRI, whose next step can never be begun.
+    taken
+        What other robots took over from this one since the last turn, each with who has it and why.
     """
 
     result: str
@@ -55,6 +57,22 @@ class Turn:
     text: str = ""
     comment: str = ""
     stuck: tuple[str, ...] = ()
+    taken: tuple[str, ...] = ()
+
+    def records(self, robot: str) -> list[dict[str, str]]:
+        """Return what the robot lost to others and what it did, each as JSON-able values."""
+        lost = [("taken_over", text, "") for text in self.taken]
+        done = [] if self.result == "idle" else [(self.result, self.text, self.comment)]
+        return [
+            {"robot": robot, "result": result, "step": text, "comment": comment}
+            for result, text, comment in (*lost, *done)
+        ]
+
+
+def line_of(record: Mapping[str, str]) -> str:
+    """Return what a robot did, or lost to another one, as a line for people."""
+    comment = f"  ({record['comment']})" if record["comment"] else ""
+    return f"{record['result'].replace('_', ' ')}: {record['step']}{comment}"
 
 
 class Executor:
@@ -90,15 +108,23 @@ class Executor:
         self._patience_s = patience_s
         self._acted: tuple[Mapping[str, Any], TaskAction, Reply, Deed] | None = None
         self._displaced: Mapping[str, str | None] = {}
+        self._taken: dict[str, str] = {}
+        self._news: list[str] = []
 
     def turn(self) -> Turn:
         """Carry out one step if there is one.
 
         Where the graph was out of reach after the last one, what was done is said first.
         """
+        turn = self._take_turn()
+        news, self._news = tuple(self._news), []
+        return replace(turn, taken=news) if news else turn
+
+    def _take_turn(self) -> Turn:
         if self._acted is not None:
             return self._say(*self._acted)
         claim = self.graph.call("claim_step", lease=_LEASE_S, **self._who())
+        self._note_taken(claim)
         if not claim["claimed"]:
             waits = claim["waiting"]
             return Turn("idle", stuck=tuple(sorted({w["plan"] for w in waits if w["stuck"]})))
@@ -119,6 +145,13 @@ class Executor:
         if missing:
             return self._missed(claim, missing)
         return self._asked(claim, about_acting) or self._act(claim, action, reply)
+
+    def _note_taken(self, claim: Mapping[str, Any]) -> None:
+        """Keep what others took over, to be told once; an older server says nothing of it."""
+        for step in claim.get("taken", ()):
+            if self._taken.get(step["task"]) != step["why"]:
+                self._taken[step["task"]] = step["why"]
+                self._news.append(f"{step['text']}: {step['why']}")
 
     def _missed(self, claim: Mapping[str, Any], missing: str) -> Turn:
         """Ask where a thing is that the robot sees nowhere, or end the step."""

@@ -70,6 +70,8 @@ def _in_words(plan: Mapping[str, Any]) -> str:
     lines = [f"{plan['goal']}  ({plan['state']}{more})\n  {plan['task']}"]
     for step in plan["steps"]:
         lines.append(f"{step['step']:5}. {step['text']}  ({step['state']})")
-        lines += [f"         {words}" for words in (step["why"], step["comment"]) if words]
+        # A claim says why it is its robot's; what is not begun yet has nothing else to say so.
+        why = step["why"] or step["assignment"]
+        lines += [f"         {words}" for words in (why, step["comment"]) if words]
     lines += [f"       left open: {text}" for text in plan["open_goals"]]
     return "\n".join(lines)

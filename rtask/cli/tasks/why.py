@@ -38,8 +38,9 @@ def why(
     Of an object, by its name or IRI, its latest attempt that failed is meant.
 
     Causes come with their chances and what speaks for them; then comes the smallest changed fact
-    (another grasp, hand, order, a look before) under which the graph expects it to have held. Exit
-    code 1 if no change that is known would have sufficed.
+    (another grasp, hand, order, a look before) under which the graph expects it to have held. Of a
+    step that has not ended, say why it is its robot's. Exit code 1 if something failed and no
+    change that is known would have sufficed.
     """
     if keep and not tries:
         raise UsageError("--keep-branch: nothing is kept unless it is tried; add --try")
@@ -56,7 +57,7 @@ def why(
         print_json(dict(answer))
     else:
         click.echo(answer["text"])
-    if not answer["held"] and not answer["mends"]:
+    if answer["ended"] and not answer["held"] and not answer["mends"]:
         raise SystemExit(1)
 
 

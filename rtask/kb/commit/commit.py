@@ -153,6 +153,9 @@ class Request:
         small ones go first.
     moves_records
         Whether the change may touch the quarantine, which only the knowledge base writes.
+    permitted
+        Statements of other graphs that the author may change in this commit, because the operation
+        that it asked for decides on them; nothing else there.
     """
 
     access: Access
@@ -172,6 +175,7 @@ class Request:
     supports: tuple[Support, ...] = ()
     size: int = 0
     moves_records: bool = False
+    permitted: frozenset[Quad] = frozenset()
     started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
 
     @property

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
@@ -208,6 +209,18 @@ class Transaction:
         pending = self._pending()
         for quad in quads:
             pending.remove(quad if as_read else stored_quad(quad))
+
+    def replace_permitted(self, removed: Iterable[Quad], added: Iterable[Quad]) -> None:
+        """Withdraw and assert statements in graphs that the author may not write otherwise.
+
+        Only for operations that decide by themselves on each of the statements, such as a robot's
+        taking a step of a plan over; never for statements that a caller sends.
+        """
+        old, new = [stored_quad(q) for q in removed], [stored_quad(q) for q in added]
+        permitted = self._request.permitted.union(old, new)
+        self._request = replace(self._request, permitted=permitted)
+        self.remove_quads(old, as_read=True)
+        self.add_quads(new, as_read=True)
 
     def learn(self, subjects: Iterable[Sequence[Quad]], writes: int) -> None:
         """Take over what was read of subjects, so that the commit need not look it up again.

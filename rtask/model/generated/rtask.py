@@ -2848,6 +2848,9 @@ class Task(IntentionalProcess):
     ----------
     assigned_to
         The agent who shall do the task; several agents may share one.
+    assignment_reason
+        Why the task is assigned to whom it is now, where that is no longer as planned, in
+        words.
     carried_out_by
         An action that was done for the task.
     engages
@@ -2873,17 +2876,26 @@ class Task(IntentionalProcess):
         The place of the task in its plan, from 1. [NUM]
     sub_task_of
         The task of which this one is a part, at any depth.
+    taken_from
+        The task was assigned to this agent before another one, which had nothing to do, took
+        it over.
     task_name
         The name of the task in messages: "pick", "place".
     waits_for
         The task cannot begin before the other has ended, because that makes true what it
         needs, or needs what it changes.
+    waits_for_hand
+        The task waits for the other only because the same end effector does both; done by
+        another one, it need not wait. What a task waits for without this statement, it waits
+        for whoever does it, such as for the order that a goal asks for, or for the thing to
+        be there.
     """
 
     __iri__: ClassVar[str] = _RT + "Task"
     __required__: ClassVar[tuple[str, ...]] = ("assigned_to",)
 
     assigned_to: Links[Agent] = Links(_RT + "assignedTo", _SUMO + "Agent", inverse=_RT + "hasAssignment")
+    assignment_reason: Many[str] = Many(_RT + "assignmentReason", _XSD + "string")
     carried_out_by: Links[Action] = Links(_RT + "carriedOutBy", _RT + "Action")
     engages: Links[EndEffector] = Links(_RT + "engages", _RT + "EndEffector")
     has_sub_task: Links[Task] = Links(_RT + "hasSubTask", _RT + "Task", inverse=_RT + "subTaskOf")
@@ -2896,8 +2908,10 @@ class Task(IntentionalProcess):
     requires_motion: Links[Motion] = Links(_RT + "requiresMotion", _SUMO + "Motion")
     step_number: One[int] = One(_RT + "stepNumber", _XSD + "positiveInteger", unit="NUM")
     sub_task_of: Links[Task] = Links(_RT + "subTaskOf", _RT + "Task", inverse=_RT + "hasSubTask", stored=False)
+    taken_from: Links[Agent] = Links(_RT + "takenFrom", _SUMO + "Agent")
     task_name: Many[str] = Many(_RT + "taskName", _XSD + "string")
     waits_for: Links[Task] = Links(_RT + "waitsFor", _RT + "Task")
+    waits_for_hand: Links[Task] = Links(_RT + "waitsForHand", _RT + "Task")
 
 
 class TextReading(VisualFeature):
@@ -3433,6 +3447,10 @@ class TaskPlan(Task):
     allows_part
         Whether what is possible of the goal is to be done where the rest is out of reach;
         without it, all or nothing.
+    allows_takeover
+        Whether a robot with nothing to do may take over what another one has not begun: not
+        where the goal names who is to do it. Nothing may be taken over from a plan without
+        this statement.
     asking_price
         What a question to a person about a step of the plan costs, in any unit that
         rt:failingPrice has, too. [UNITLESS]
@@ -3464,6 +3482,7 @@ class TaskPlan(Task):
     __iri__: ClassVar[str] = _RT + "TaskPlan"
 
     allows_part: Many[bool] = Many(_RT + "allowsPart", _XSD + "boolean")
+    allows_takeover: Many[bool] = Many(_RT + "allowsTakeover", _XSD + "boolean")
     asking_price: One[float] = One(_RT + "askingPrice", _XSD + "double", unit="UNITLESS")
     cancel_reason: Many[str] = Many(_RT + "cancelReason", _XSD + "string")
     failing_price: One[float] = One(_RT + "failingPrice", _XSD + "double", unit="UNITLESS")

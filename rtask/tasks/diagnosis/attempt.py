@@ -107,6 +107,10 @@ class Failure:
         Hands that can grasp the product and reach the place, as far as the graph knows.
     grasps
         Stored grasps of the product: IRI, kind of hand, place along it, m.
+    has_ended
+        Whether it has ended; a planned step that has not is no failure.
+    assignment
+        Why the planned step is its robot's, in words; empty where that is as planned and it ended.
     """
 
     subject: str
@@ -129,3 +133,5 @@ class Failure:
     grasps: tuple[tuple[str, str, float], ...] = ()
     origin: str = ""
     seen_at: str = ""
+    has_ended: bool = True
+    assignment: str = ""

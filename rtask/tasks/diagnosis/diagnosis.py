@@ -109,9 +109,15 @@ class Diagnosis:
 
     @property
     def text(self) -> str:
-        """The diagnosis in words."""
+        """The diagnosis in words, and why the step was its robot's unless that was as planned."""
+        whose = [self.failure.assignment] if self.failure.assignment else []
+        if not self.failure.has_ended:
+            return "\n".join([f"{self.failure.text}: it has not ended", *whose])
         if self.failure.held:
-            return f"{self.failure.text}: it held"
+            return "\n".join([f"{self.failure.text}: it held", *whose])
+        return "\n".join([*self._lines(), *whose])
+
+    def _lines(self) -> list[str]:
         lines = [f"{self.failure.text}: failed ({self.failure.tried.reason or 'not said why'})"]
         for cause in self.causes:
             lines.append(f"  {cause.chance:.2f}  {cause.text}")
@@ -124,16 +130,17 @@ class Diagnosis:
         elif self.change is not None:
             lines.append("no change that is known would have mended it")
             if self.change.chance - self.again < _TOLD_APART:
-                return "\n".join(lines)
+                return lines
             lines.append(f"  at best ({self.change.chance:.2f}): {self.change.text}")
         lines += [f"  or ({change.chance:.2f}): {change.text}" for change in self.others]
-        return "\n".join(lines)
+        return lines
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-able values."""
         failure = self.failure
         return {
             "subject": failure.subject, "attempt": failure.attempt, "step": failure.step,
+            "ended": failure.has_ended, "assignment": failure.assignment,
             "held": failure.held, "reason": failure.tried.reason, "text": self.text,
             "causes": [cause.to_dict() for cause in self.causes],
             "change": None if self.change is None else self.change.to_dict(),
@@ -143,7 +150,7 @@ class Diagnosis:
 
 def diagnose(failure: Failure) -> Diagnosis:
     """Return the causes of a failure by Bayes' rule, and what would have mended it."""
-    if failure.held:
+    if failure.held or not failure.has_ended:
         return Diagnosis(failure, (), None, ())
     clues, beliefs = clues_of(failure), beliefs_of(failure)
     hypotheses, chances = [each for each, _ in beliefs], [chance for _, chance in beliefs]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import json
+from dataclasses import replace
 from typing import Any
 
 from rtask.errors import UnknownTermError, UsageError
@@ -11,6 +12,7 @@ from rtask.rdf.namespaces import PREFIXES, local_name
 from rtask.rdf.terms import NamedNode, literal
 from rtask.sparql.results import Row
 from rtask.tasks.actions import Select
+from rtask.tasks.diagnosis.assignment import read_assignment
 from rtask.tasks.diagnosis.attempt import Failure, Hand, Try
 from rtask.tasks.names import names_of
 
@@ -110,6 +112,8 @@ SELECT DISTINCT ?hand ?robot ?name ?kind ?opening ?payload ?force ?finger WHERE 
 def read_failure(select: Select, subject: str) -> Failure:
     """Return what failed: an attempt, a task, a planned step, a stored plan, or at an object.
 
+    A planned step that has not ended is returned as such, with why it is its robot's.
+
     Parameters
     ----------
     subject
@@ -129,6 +133,12 @@ def read_failure(select: Select, subject: str) -> Failure:
     attempt = "" if latest is None else str(latest.value("attempt"))
     if step is not None and _is_of_other_step(latest, step):
         attempt = ""  # a step that failed without an attempt, after one that held
+    assignment = read_assignment(select, subject)
+    if not attempt and step is None and assignment is not None:
+        return Failure(
+            subject, "", subject, assignment.step, Try(Hand("", "")), has_ended=False,
+            assignment=assignment.reason,
+        )  # fmt: skip
     if not attempt and step is None:
         raise UnknownTermError(
             f"{subject}: the graph has no attempt, and no step that ended, under this name",
@@ -137,7 +147,10 @@ def read_failure(select: Select, subject: str) -> Failure:
     tried, more = _of_attempt(select, attempt) if attempt else (Try(Hand("", "")), {})
     if step is not None:
         tried, more = _with_step(select, tried, more, step)
-    return _around(select, subject, attempt, tried, more)
+    failure = _around(select, subject, attempt, tried, more)
+    if assignment is None or assignment.is_planned:
+        return failure
+    return replace(failure, assignment=assignment.reason)
 
 
 def _iri_of(select: Select, subject: str) -> str:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
-__all__ = ["Action", "Atom", "Goal", "Parameter", "Problem", "Step"]
+__all__ = ["FAILURE_COST_S", "Action", "Atom", "Goal", "Parameter", "Problem", "Step",
+           "expected_cost_s"]  # fmt: skip
 
 Atom: TypeAlias = tuple[str, ...]
 """A predicate and its arguments: objects, or names of parameters in an action."""
@@ -56,6 +57,18 @@ class Action:
                     )
 
 
+FAILURE_COST_S = 60.0
+"""What a failed step costs, s."""
+
+
+def expected_cost_s(
+    duration_s: float, chance: float, failure_cost_s: float = FAILURE_COST_S
+) -> float:
+    """Return the cost of a step, s, in which a lower chance of success costs time."""
+    # Costs add up along a plan, and chances multiply: their logarithms add.
+    return duration_s - failure_cost_s * math.log(max(chance, 1e-6))
+
+
 @dataclass(frozen=True)
 class Problem:
     """Objects by type, actions, the facts that hold, and the goals, all of which are to hold.
@@ -70,7 +83,7 @@ class Problem:
     actions: tuple[Action, ...]
     facts: frozenset[Atom]
     goals: tuple[Goal, ...]
-    failure_cost_s: float = 60.0
+    failure_cost_s: float = FAILURE_COST_S
     workers: frozenset[str] = frozenset()
     likelier: frozenset[Atom] = frozenset()
 
@@ -96,8 +109,7 @@ class Step:
 
     def cost_s(self, failure_cost_s: float) -> float:
         """Return the expected cost, s, in which a lower chance costs time."""
-        # Costs add up along a plan, and chances multiply: their logarithms add.
-        return self.duration_s - failure_cost_s * math.log(max(self.chance, 1e-6))
+        return expected_cost_s(self.duration_s, self.chance, failure_cost_s)
 
     def __str__(self) -> str:
         return f"{self.action}({', '.join(value for _, value in self.arguments)})"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from rtask.tasks.queue.reading import Claim, QueuedPlan, QueuedStep
 
-__all__ = ["Choice", "Wait", "choose"]
+__all__ = ["Choice", "Wait", "choose", "reason_of"]
 
 Failing = Callable[[QueuedStep], str]
 """Returns the first precondition of a step that does not hold now, in words; empty if all do."""
@@ -52,6 +52,10 @@ class Choice:
         Why this robot, and why now.
     waits
         Its other steps that were looked at before.
+    taken
+        What is to be done yet of its steps that others took over; ``why`` says who has it.
+    plans
+        What was chosen from.
     """
 
     plan: QueuedPlan | None
@@ -59,6 +63,8 @@ class Choice:
     claim: Claim | None
     reason: str
     waits: tuple[Wait, ...]
+    taken: tuple[Wait, ...] = ()
+    plans: Sequence[QueuedPlan] = field(default=(), repr=False, compare=False)
 
 
 def choose(
@@ -78,12 +84,13 @@ def choose(
     names
         Names of robots.
     """
+    taken = tuple(_taken(plans, robot, now, names))
     # First what it has: a robot that was restarted goes on with its own step.
     for plan in plans:
         for step in plan.steps:
             claim = step.claim(now)
             if claim is not None and claim.robot == robot:
-                return Choice(plan, step, claim, claim.why, ())
+                return Choice(plan, step, claim, claim.why, (), taken, plans)
     busy = dict(_busy_things(plans, now))
     waits: list[Wait] = []
     for plan, step in _in_order(plans, robot, now):
@@ -99,8 +106,19 @@ def choose(
                 Wait(plan.task, step.task, step.text, f"it does not hold that {missing}", is_idle)
             )
             continue
-        return Choice(plan, step, None, _reason(plan, step, waits, names), tuple(waits))
-    return Choice(None, None, None, "", tuple(waits))
+        why_now = reason_of(plan, step, waits, names)
+        return Choice(plan, step, None, why_now, tuple(waits), taken, plans)
+    return Choice(None, None, None, "", tuple(waits), taken, plans)
+
+
+def _taken(
+    plans: Sequence[QueuedPlan], robot: str, now: dt.datetime, names: Mapping[str, str]
+) -> Iterator[Wait]:
+    for plan in plans:
+        for step in plan.steps if plan.state(now) in ("waiting", "running") else ():
+            if robot in step.taken_from and robot not in step.robots and not step.is_done:
+                who = ", ".join(names.get(other, other) for other in step.robots)
+                yield Wait(plan.task, step.task, step.text, f"{who} has it: {step.assignment}")
 
 
 def _busy_things(plans: Sequence[QueuedPlan], now: dt.datetime) -> Iterator[tuple[str, str]]:
@@ -148,15 +166,17 @@ def _what_it_waits_for(
     return ""
 
 
-def _reason(
+def reason_of(
     plan: QueuedPlan, step: QueuedStep, waits: Sequence[Wait], names: Mapping[str, str]
 ) -> str:
-    """Return why the step is this robot's, and why it is its turn."""
+    """Return why a step is its robot's, and why it is its turn."""
     who = ", ".join(names.get(robot, robot) for robot in step.robots)
-    parts = [
-        f"the plan gives step {step.number} of {len(plan.steps)} to {who}, which is expected to "
-        f"take {step.duration_s:.0f} s with a chance of {step.chance:.2f}"
-    ]
+    of = f"step {step.number} of {len(plan.steps)}"
+    expected = f"expected to take {step.duration_s:.0f} s with a chance of {step.chance:.2f}"
+    if step.assignment:
+        parts = [f"{of} is {who}'s: {step.assignment}", f"it is {expected}"]
+    else:
+        parts = [f"the plan gives {of} to {who}, which is {expected}"]
     if plan.priority:
         parts.append(f"priority {plan.priority}")
     if plan.deadline is not None:

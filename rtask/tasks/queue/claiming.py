@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from rtask.errors import ConflictError, UnknownTermError, UsageError
@@ -12,16 +13,18 @@ from rtask.rdf.terms import NamedNode, Value, iri
 from rtask.tasks.actions import ActionClass, read_actions
 from rtask.tasks.names import names_of
 from rtask.tasks.patterns import Pattern
-from rtask.tasks.queue.choosing import Choice, choose
+from rtask.tasks.queue.choosing import Choice, choose, reason_of
+from rtask.tasks.queue.preconditions import failing
 from rtask.tasks.queue.reading import MAX_LEASE_S, Claim, QueuedPlan, QueuedStep, read_queue
-from rtask.tasks.steps import Wording, statement_of
+from rtask.tasks.queue.takeover import Takeover, find_takeover, still_holds
 
 if TYPE_CHECKING:
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit
+    from rtask.kb.commit.transaction import Transaction
     from rtask.kb.core import GraphCore
 
-__all__ = ["LEASE_S", "MAX_LEASE_S", "RESULTS", "cancel_plan", "claim_step", "end_claim", "failing",
+__all__ = ["LEASE_S", "MAX_LEASE_S", "RESULTS", "cancel_plan", "claim_step", "end_claim",
            "live_claim"]  # fmt: skip
 
 Statement = tuple[NamedNode, NamedNode, Value]
@@ -39,7 +42,9 @@ def claim_step(
 ) -> Choice:  # fmt: skip
     """Claim the next step of a robot, or renew the claim that it has.
 
-    What is decided on and what is stored are one transaction: nobody else writes meanwhile.
+    What is decided on and what is stored are one transaction: nobody else writes meanwhile. A
+    robot for which there is nothing takes over what another one has not begun, if the thing is
+    expected to arrive sooner by that; the step is assigned to it in the same commit.
 
     Parameters
     ----------
@@ -64,56 +69,63 @@ def claim_step(
     time = now or dt.datetime.now(dt.UTC)
     # Before the transaction: actions hardly ever change, and other writers need not wait for them.
     actions = read_actions(kb.select, kb.catalogue.is_ontology)
-    with kb.transaction(access=access, note="claim a task") as tx:
-        plans = read_queue(kb)
-        names = names_of(kb.select, {r for p in plans for s in p.steps for r in s.robots})
-        choice = choose(plans, robot, time, lambda step: failing(kb, actions, step), names)
-        if choice.step is None:
-            return choice
-        until = time + dt.timedelta(seconds=lease_s)
-        if choice.claim is not None:
-            # A renewal by a shorter lease takes nothing back of what was granted.
-            if until > choice.claim.until:
-                tx.add(choice.claim.iri, RT.claimedUntil, until)
-            return choice
-        claim = NamedNode(mint(kb.base, "TaskClaim"))
+    claiming = _Claiming(kb, robot, access, lease_s, time, actions)
+    choice = claiming.claim()
+    if choice.step is not None:
+        return choice
+    # Between two transactions, as to weigh what others have may take long, and is mostly in vain.
+    offer = find_takeover(kb, choice.plans, robot, time, actions)
+    return choice if offer is None else claiming.claim(offer)
+
+
+@dataclass(frozen=True)
+class _Claiming:
+    """A robot asks for a step."""
+
+    kb: GraphCore
+    robot: str
+    access: Access
+    lease_s: float
+    now: dt.datetime
+    actions: Sequence[ActionClass]
+
+    def claim(self, offer: Takeover | None = None) -> Choice:
+        """Claim the next step, or what is offered if there is still none and nobody has it."""
+        kb, now = self.kb, self.now
+        with kb.transaction(access=self.access, note="claim a task") as tx:
+            plans = read_queue(kb)
+            names = names_of(kb.select, {r for p in plans for s in p.steps
+                                         for r in (*s.robots, *s.taken_from)})  # fmt: skip
+            choice = choose(plans, self.robot, now, lambda s: failing(kb, self.actions, s), names)
+            if choice.step is None and offer is not None:
+                if not still_holds(kb, plans, offer, self.robot, now, self.actions):
+                    return choice
+                tx.replace_permitted(*offer.changes(kb))
+                plan, step = offer.pair.plan, offer.pick
+                reason = reason_of(plan, step, choice.waits, names)
+                choice = replace(choice, plan=plan, step=step, reason=reason)
+            if choice.step is None:
+                return choice
+            until = now + dt.timedelta(seconds=self.lease_s)
+            if choice.claim is not None:
+                # A renewal by a shorter lease takes nothing back of what was granted.
+                if until > choice.claim.until:
+                    tx.add(choice.claim.iri, RT.claimedUntil, until)
+                return choice
+            claim = self._state(tx, choice.step, until, choice.reason)
+        return replace(choice, claim=claim)
+
+    def _state(self, tx: Transaction, step: QueuedStep, until: dt.datetime, reason: str) -> Claim:
+        claim = NamedNode(mint(self.kb.base, "TaskClaim"))
         tx.add(claim, RDF.type, RT.TaskClaim)
-        tx.add(claim, RT.claims, NamedNode(choice.step.task))
-        tx.add(claim, PROV.wasAssociatedWith, NamedNode(robot))
-        tx.add(claim, PROV.startedAtTime, time)
+        tx.add(claim, RT.claims, NamedNode(step.task))
+        tx.add(claim, PROV.wasAssociatedWith, NamedNode(self.robot))
+        tx.add(claim, PROV.startedAtTime, self.now)
         tx.add(claim, RT.claimedUntil, until)
-        tx.add(claim, RT.claimReason, choice.reason)
-        if choice.step.thing:
-            tx.add(claim, RT.claimsExemplar, NamedNode(choice.step.thing))
-    mine = Claim(claim.value, robot, time, until, why=choice.reason)
-    return Choice(choice.plan, choice.step, mine, choice.reason, choice.waits)
-
-
-def failing(kb: GraphCore, actions: Sequence[ActionClass], step: QueuedStep) -> str:
-    """Return the first precondition of a step that does not hold now, in words; else "".
-
-    A precondition that an action of the plan was to make true is asked of the graph like all
-    others: the graph is what robots saw and reported.
-    """
-    action = next((item for item in actions if item.iri == step.action), None)
-    if action is None:
-        return f"there is an action {step.action}"
-    for pattern in action.preconditions:
-        values = [step.arguments.get(name, "") for name in pattern.arguments]
-        if not all(values):
-            return f"the step has all of {', '.join(pattern.arguments)}"
-        text = pattern.sparql
-        bound = {f"p{n}": iri(value) for n, value in enumerate(values, 1)}
-        # Joined to the pattern, not written into its text: an IRI is data, whatever it consists of.
-        rows = " ".join(str(value) for value in bound.values())
-        variables = " ".join(f"?{name}" for name in bound)
-        asked = f"ASK {{ VALUES ({variables}) {{ ({rows}) }} {text} }}"
-        if not kb.query(asked):
-            atom = (pattern.predicate, *values)
-            iris = {*values, *(statement_of(atom) or ())}
-            names = names_of(kb.select, iris)
-            return Wording(names, names).atom(atom)
-    return ""
+        tx.add(claim, RT.claimReason, reason)
+        if step.thing:
+            tx.add(claim, RT.claimsExemplar, NamedNode(step.thing))
+        return Claim(claim.value, self.robot, self.now, until, why=reason)
 
 
 def end_claim(
@@ -206,6 +218,8 @@ def live_claim(
     if other is not None and other.robot == robot:
         claim = other  # not the last to begin where the clock was set back since
     if claim is None:
+        if robot in step.taken_from and robot not in step.robots:
+            raise ConflictError(f"{task} is {' and '.join(step.robots)}'s now: {step.assignment}")
         raise ConflictError(f"{robot} has not claimed {task}")
     if claim.result:
         raise ConflictError(f"the claim of {task} ended before: {claim.result}")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rtask.errors import UsageError
-from rtask.rdf.namespaces import CORA, PREFIXES, RDF
+from rtask.rdf.namespaces import CORA, PREFIXES, RDF, local_name
 from rtask.rdf.terms import NamedNode
 from rtask.tasks.actions import Select
 from rtask.tasks.questions.price import Prices
@@ -28,7 +28,7 @@ MAX_LEASE_S = 3600.0
 
 _PLANS = f"""{PREFIXES}
 SELECT ?plan ?graph ?goal ?made ?priority ?deadline ?cancelled ?reason ?replaced ?asking ?failing
-  ?part ?settled
+  ?part ?settled ?takeover
 WHERE {{
   GRAPH ?graph {{ ?plan a rt:TaskPlan ; rt:goalText ?goal }}
   OPTIONAL {{ ?plan prov:generatedAtTime ?made }}
@@ -40,6 +40,7 @@ WHERE {{
   OPTIONAL {{ ?plan rt:askingPrice ?asking ; rt:failingPrice ?failing }}
   OPTIONAL {{ ?plan rt:allowsPart ?part }}
   OPTIONAL {{ ?plan rt:settledGoal ?settled }}
+  OPTIONAL {{ ?plan rt:allowsTakeover ?takeover }}
 }}"""
 _OPEN = f"""{PREFIXES}
 SELECT DISTINCT ?plan ?open WHERE {{ ?plan a rt:TaskPlan ; rt:openGoal ?open }} ORDER BY ?open"""
@@ -53,6 +54,12 @@ SELECT ?plan ?step ?number ?action ?values ?text ?robot ?thing ?before ?duration
   OPTIONAL {{ ?step rt:waitsFor ?before }}
   OPTIONAL {{ ?step rt:plannedDuration ?duration }}
   OPTIONAL {{ ?step rt:plannedChance ?chance }}
+}}"""
+# Apart from the steps: one that waits for many would else have a row for each two of these.
+_ASSIGNED = f"""{PREFIXES}
+SELECT DISTINCT ?step ?property ?value WHERE {{
+  VALUES ?property {{ rt:waitsForHand rt:takenFrom rt:assignmentReason }}
+  ?plan a rt:TaskPlan ; rt:hasSubTask ?step . ?step ?property ?value
 }}"""
 _CLAIMS = f"""{PREFIXES}
 SELECT ?claim ?step ?robot ?begun (MAX(?until) AS ?last) ?ended ?result ?comment ?why WHERE {{
@@ -90,6 +97,8 @@ class Claim:
         What happened.
     why
         Why this robot got it.
+    ended
+        When its robot ended it.
     """
 
     iri: str
@@ -99,6 +108,7 @@ class Claim:
     result: str = ""
     comment: str = ""
     why: str = ""
+    ended: dt.datetime | None = None
 
     def is_live(self, now: dt.datetime) -> bool:
         """Whether it lasts."""
@@ -136,6 +146,12 @@ class QueuedStep:
         In the order in which they began.
     questions
         What robots asked people about it, in the order of asking.
+    for_hand
+        Those of ``after`` that it waits for only because one hand does both.
+    taken_from
+        IRIs of the robots that it was assigned to before others took it over.
+    assignment
+        Why it is its robot's, in words; empty where that is as planned.
     """
 
     task: str
@@ -150,6 +166,9 @@ class QueuedStep:
     chance: float
     claims: tuple[Claim, ...]
     questions: tuple[Question, ...] = ()
+    for_hand: tuple[str, ...] = ()
+    taken_from: tuple[str, ...] = ()
+    assignment: str = ""
 
     @property
     def is_done(self) -> bool:
@@ -162,6 +181,12 @@ class QueuedStep:
         # A claim that was given back says nothing of the step.
         last = next((c for c in reversed(self.claims) if c.result not in ("", "released")), None)
         return None if last is None or last.result == "done" else last
+
+    @property
+    def is_untouched(self) -> bool:
+        """Whether no robot has begun it or asked about it; one that it gave back untouched."""
+        # A claim that ran out is no proof that nothing was done: the thing may be in a hand.
+        return all(c.result == "released" for c in self.claims) and not self.questions
 
     def claim(self, now: dt.datetime) -> Claim | None:
         """Return the claim that lasts."""
@@ -210,6 +235,8 @@ class QueuedPlan:
         What of the goal was out of reach when the plan was made, and why, in words.
     allows_part
         Whether the rest of the goal is to be done even so.
+    allows_takeover
+        Whether a robot may take over what another one has not begun.
     """
 
     task: str
@@ -225,6 +252,7 @@ class QueuedPlan:
     open_goals: tuple[str, ...] = ()
     allows_part: bool = False
     settled: str = ""
+    allows_takeover: bool = False
 
     def state(self, now: dt.datetime) -> str:
         """Return cancelled, replaced, done, blocked, declined, failed, late, running or waiting.
@@ -270,7 +298,8 @@ def _step_dict(step: QueuedStep, now: dt.datetime) -> dict[str, Any]:
         "task": step.task, "step": step.number, "text": step.text, "state": step.state(now),
         "robots": list(step.robots), "claimed_by": last.robot if last else "",
         "why": last.why if last else "", "comment": last.comment if last else "",
-        "question": asked.iri if asked else "",
+        "question": asked.iri if asked else "", "assignment": step.assignment,
+        "taken_from": list(step.taken_from),
     }  # fmt: skip
 
 
@@ -325,8 +354,13 @@ def _plan(row: Row, steps: tuple[QueuedStep, ...], open_goals: tuple[str, ...]) 
         _time(row.value("made")), int(str(priority)) if priority is not None else 0,
         _time(row.value("deadline")), cancelled, row.value("replaced") is not None, steps,
         _prices(row.value("asking"), row.value("failing")), open_goals,
-        str(row.value("part")).lower() in ("true", "1"), str(row.value("settled") or ""),
+        _is_true(row.value("part")), str(row.value("settled") or ""),
+        _is_true(row.value("takeover")),
     )  # fmt: skip
+
+
+def _is_true(value: object) -> bool:
+    return str(value).lower() in ("true", "1")
 
 
 def _prices(asking: object, failing: object) -> Prices | None:
@@ -356,7 +390,7 @@ def _claims(kb: GraphCore) -> dict[str, list[Claim]]:
                 Claim(
                     str(row.value("claim")), str(row.value("robot")), begun, until,
                     str(row.value("result") or ""), str(row.value("comment") or ""),
-                    str(row.value("why") or ""),
+                    str(row.value("why") or ""), _time(row.value("ended")),
                 )
             )  # fmt: skip
     return claims
@@ -368,17 +402,25 @@ def _steps(
     rows: dict[str, list[Row]] = defaultdict(list)
     for row in kb.select(_STEPS):
         rows[str(row.value("step"))].append(row)
+    assigned: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    for row in kb.select(_ASSIGNED):
+        of_step = assigned[str(row.value("step"))]
+        of_step[local_name(str(row.value("property")))].append(str(row.value("value")))
     steps: dict[str, list[QueuedStep]] = defaultdict(list)
-    for task, of_step in rows.items():
-        step = _step(task, of_step, tuple(claims.get(task, ())), tuple(questions.get(task, ())))
+    for task, of_task in rows.items():
+        step = _step(
+            task, of_task, assigned[task], tuple(claims.get(task, ())),
+            tuple(questions.get(task, ())),
+        )  # fmt: skip
         if step is not None:
-            steps[str(of_step[0].value("plan"))].append(step)
+            steps[str(of_task[0].value("plan"))].append(step)
     return {plan: sorted(parts, key=lambda step: step.number) for plan, parts in steps.items()}
 
 
 def _step(
-    task: str, rows: Sequence[Row], claims: tuple[Claim, ...], questions: tuple[Question, ...]
-) -> QueuedStep | None:
+    task: str, rows: Sequence[Row], assigned: Mapping[str, list[str]], claims: tuple[Claim, ...],
+    questions: tuple[Question, ...],
+) -> QueuedStep | None:  # fmt: skip
     first = rows[0]
     try:
         arguments = json.loads(str(first.value("values")))
@@ -397,6 +439,9 @@ def _step(
         # A claim by a robot that the plan does not name is no claim.
         tuple(claim for claim in claims if claim.robot in robots),
         tuple(asked for asked in questions if asked.robot in robots),
+        tuple(sorted(assigned.get("waitsForHand", ()))),
+        tuple(sorted(assigned.get("takenFrom", ()))),
+        "; ".join(sorted(assigned.get("assignmentReason", ()))),
     )  # fmt: skip
 
 

@@ -77,6 +77,7 @@ def crew(
     that a plan was left open.
     """
     from simulate.tasks.arms.working import Settings, crew_at_tables, layouts_of
+    from simulate.tasks.executor import line_of
     from simulate.world.animation import check_film
     from simulate.world.quiet import banner_on_stderr
 
@@ -88,11 +89,10 @@ def crew(
     films: list[BenchFilm] = []
 
     def tell(robot: str, turn: Turn) -> None:
-        about = {"result": turn.result, "step": turn.text, "comment": turn.comment}
-        turns.append({"robot": robot, **about})
-        why = f"  ({turn.comment})" if turn.comment else ""
-        if not as_json:
-            click.echo(f"{turn.result}: {turn.text}{why}")
+        for record in turn.records(robot):
+            turns.append(record)
+            if not as_json:
+                click.echo(line_of(record))
 
     def may(text: str) -> bool:
         for film_of_table in films:

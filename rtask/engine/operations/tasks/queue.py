@@ -50,6 +50,16 @@ class WaitingStep(Answer):
     """whether waiting does not help, and the goal has to be planned again"""
 
 
+class TakenStep(Answer):
+    """A step that was the robot's until another one, which had nothing to do, took it over."""
+
+    plan: str
+    task: str
+    text: str
+    why: str
+    """who has it now, and why"""
+
+
 class StepAnswer(Answer):
     """What came of the last question about a step."""
 
@@ -94,6 +104,8 @@ class ClaimedStep(Answer):
     asked: list[str] = Field(default_factory=list)
     """kinds of questions that were asked about it before"""
     waiting: list[WaitingStep]
+    taken: list[TakenStep]
+    """what is to be done yet of the robot's steps that others took over, and who has it"""
 
 
 class EndStep(Message):
@@ -162,6 +174,10 @@ class ListedStep(Answer):
     """what happened"""
     question: str
     """IRI of the question to a person that it waits for; empty for none"""
+    assignment: str
+    """why it is its robot's now; empty where that is as planned"""
+    taken_from: list[str]
+    """IRIs of the robots that it was assigned to before others took it over"""
 
 
 class ListedPlan(Answer):
@@ -199,7 +215,10 @@ class ListedPlans(Answer):
 
 @operation("write", "writes", "claim the next step that a robot can begin", repeatable=True)
 def claim_step(context: Context, request: ClaimStep, access: Access) -> ClaimedStep:
-    """Claim a step by a commit; a robot that has one gets that again, and its claim is renewed."""
+    """Claim a step by a commit; a robot that has one gets that again, and its claim is renewed.
+
+    A robot with nothing to do gets what another one has not begun, where that is sooner done.
+    """
     robot, author = robot_named(context, request.robot, access)
     with context.writing:
         choice = claiming.claim_step(context.kb, robot, author, lease_s=request.lease)
@@ -209,10 +228,14 @@ def claim_step(context: Context, request: ClaimStep, access: Access) -> ClaimedS
         )
         for wait in choice.waits
     ]
+    taken = [
+        TakenStep(plan=wait.plan, task=wait.task, text=wait.text, why=wait.why)
+        for wait in choice.taken
+    ]
     if choice.step is None or choice.plan is None or choice.claim is None:
-        return ClaimedStep(claimed=False, waiting=waiting)
+        return ClaimedStep(claimed=False, waiting=waiting, taken=taken)
     until = dt.datetime.now(dt.UTC) + dt.timedelta(seconds=request.lease)
-    step, is_new = choice.step, choice.step.claims == () or choice.claim not in choice.step.claims
+    step, is_new = choice.step, choice.claim not in choice.step.claims
     return ClaimedStep(
         claimed=True,
         plan=choice.plan.task,
@@ -229,6 +252,7 @@ def claim_step(context: Context, request: ClaimStep, access: Access) -> ClaimedS
         asks=choice.plan.prices is not None,
         asked=[question.kind for question in step.questions],
         waiting=waiting,
+        taken=taken,
     )
 
 

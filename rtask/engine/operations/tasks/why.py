@@ -59,6 +59,10 @@ class FailureExplained(Answer):
     """IRI of the attempt; empty for a step that failed without one"""
     step: str
     """IRI of the planned step; empty if there was no plan"""
+    ended: bool
+    """whether it has ended; a planned step that has not is no failure"""
+    assignment: str
+    """why the planned step is its robot's; empty where it has ended and that was as planned"""
     held: bool
     """whether it held after all; then there is no cause"""
     reason: str
