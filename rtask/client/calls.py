@@ -1069,6 +1069,7 @@ class ListedPlan(TypedDict):
     open_goals: list[str]
     allows_part: bool
     settled: str
+    behaviour_tree: NotRequired[str]
 
 
 class ListedPlans(TypedDict):
@@ -2062,6 +2063,7 @@ class Calls(ABC):
         self,
         *,
         state: Literal["open", "all"] | None = None,
+        behaviour_tree: bool | None = None,
     ) -> ListedPlans:
         """List stored plans with their steps, and who does what and why.
 
@@ -2069,6 +2071,9 @@ class Calls(ABC):
         ----------
         state
             open: those that are not done, cancelled or replaced; default: open
+        behaviour_tree
+            also answer XML of BehaviorTree.CPP 4, with the steps as they are assigned now; default:
+            False
         """
         answer: ListedPlans = self._operate("list_plans", locals())
         return answer

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Protocol
 from xml.etree import ElementTree
 
 from rtask.rdf.namespaces import local_name
-from rtask.tasks.plan import PlannedStep, TaskPlan
 
-__all__ = ["behaviour_tree"]
+__all__ = ["TreeStep", "behaviour_tree"]
 
 # A factory has these from the start, and refuses a second node of the name; the first ones are tags
 # of the format.
@@ -32,27 +32,43 @@ _FORBIDDEN = re.compile(r"[^\w-]", re.ASCII)
 _CONTROL = re.compile(r"[^\t\n\r\x20-\x7e\x80-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def behaviour_tree(plan: TaskPlan) -> str:
-    """Return a plan as one sequence of actions, with the parameters of each as ports.
+class TreeStep(Protocol):
+    """A step of a plan, stored or not."""
+
+    @property
+    def action(self) -> str:
+        """IRI of its class."""
+
+    @property
+    def arguments(self) -> Mapping[str, str]:
+        """IRIs by parameter."""
+
+    @property
+    def text(self) -> str:
+        """A sentence."""
+
+
+def behaviour_tree(title: str, steps: Sequence[TreeStep]) -> str:
+    """Return steps in this order as one sequence of actions, with the parameters as ports.
 
     An action has the local name of its class; a port has the name of a parameter, and its value is
     an IRI. Names that the reader of BehaviorTree.CPP refuses are changed as little as that takes.
     The model lists all ports for editors; a program registers each action with these ports, as the
     factory refuses those of which it has not heard.
     """
-    identifiers = _identifiers([step.action for step in plan.steps], local_name, _NODES)
-    ports = {step.action: _identifiers(step.arguments, str, _PORTS) for step in plan.steps}
+    identifiers = _identifiers([step.action for step in steps], local_name, _NODES)
+    ports = {step.action: _identifiers(step.arguments, str, _PORTS) for step in steps}
     root = ElementTree.Element("root", BTCPP_format="4", main_tree_to_execute="Plan")
     tree = ElementTree.SubElement(root, "BehaviorTree", ID="Plan")
-    sequence = ElementTree.SubElement(tree, "Sequence", name=_words("; ".join(plan.understood)))
+    sequence = ElementTree.SubElement(tree, "Sequence", name=_words(title))
     # Readers such as that of py_trees refuse two nodes of one name: a thing may be picked up twice.
-    names = _distinct([_words(step.text) for step in plan.steps])
-    for name, step in zip(names, plan.steps, strict=True):
+    names = _distinct([_words(step.text) for step in steps])
+    for name, step in zip(names, steps, strict=True):
         values = {ports[step.action][name]: value for name, value in step.arguments.items()}
         # The compact form of version 4; py_trees knows no other one.
         ElementTree.SubElement(sequence, identifiers[step.action], {"name": name, **values})
     models = ElementTree.SubElement(root, "TreeNodesModel")
-    for step in _of_each_class(plan):
+    for step in _of_each_class(steps):
         action = ElementTree.SubElement(models, "Action", ID=identifiers[step.action])
         for name in step.arguments:
             port = ports[step.action][name]
@@ -95,8 +111,8 @@ def _distinct(texts: Iterable[str]) -> list[str]:
     return list(names)
 
 
-def _of_each_class(plan: TaskPlan) -> list[PlannedStep]:
-    classes: dict[str, PlannedStep] = {}
-    for step in plan.steps:
+def _of_each_class(steps: Sequence[TreeStep]) -> list[TreeStep]:
+    classes: dict[str, TreeStep] = {}
+    for step in steps:
         classes.setdefault(step.action, step)
     return list(classes.values())

@@ -19,13 +19,14 @@ from rtask.cli.options import (
     server_option,
 )
 from rtask.cli.things import name_or_iri
+from rtask.errors import UnknownTermError
 
 __all__ = ["tasks"]
 
 
 @click.group()
 def tasks() -> None:
-    """Stored plans: list them with who does what, or cancel one."""
+    """Stored plans: list them with who does what, print one as a tree, or cancel one."""
 
 
 @tasks.command("list")
@@ -45,6 +46,25 @@ def list_(
         plans = client.call("list_plans", state="all" if everything else "open")["plans"]
     nothing = "no plan is stored" if everything else "no plan is open"
     print_listing(plans, limit, as_json, _in_words, nothing)
+
+
+@tasks.command()
+@click.argument("plan", metavar="PLAN")
+@data_option
+@server_option
+def tree(plan: str, data: Path, server: str | None) -> None:
+    """Print the stored plan with the IRI PLAN as XML of BehaviorTree.CPP 4.
+
+    The steps have the robots and hands that they are assigned to now: robots with nothing to do
+    take over what others have not begun.
+    """
+    plan = name_or_iri(plan, data, server)
+    with connection(data, server) as client:
+        plans = client.call("list_plans", state="all", behaviour_tree=True)["plans"]
+    found = next((item for item in plans if item["task"] == plan), None)
+    if found is None:
+        raise UnknownTermError(f"there is no stored plan {plan}")
+    click.echo(found["behaviour_tree"], nl=False)
 
 
 @tasks.command()

@@ -32,6 +32,7 @@ Statements = Iterable[Statement]
 Move = Callable[[str], tuple[Statements, Statements]]
 LEASE_S = 300.0
 """How long a claim lasts unless it is renewed."""
+_TRIES = 4
 RESULTS = ("done", "failed", "declined", "released")
 """How a claim may end."""
 
@@ -74,8 +75,15 @@ def claim_step(
     if choice.step is not None:
         return choice
     # Between two transactions, as to weigh what others have may take long, and is mostly in vain.
-    offer = find_takeover(kb, choice.plans, robot, time, actions)
-    return choice if offer is None else claiming.claim(offer)
+    # What another robot has got meanwhile is not this one's: then it looks for something else.
+    for _ in range(_TRIES):
+        offer = find_takeover(kb, choice.plans, robot, time, actions)
+        if offer is None:
+            break
+        choice = claiming.claim(offer)
+        if choice.step is not None:
+            break
+    return choice
 
 
 @dataclass(frozen=True)

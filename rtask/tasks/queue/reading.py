@@ -276,6 +276,22 @@ class QueuedPlan:
             return "blocked"
         return "running" if states & {"claimed", "asked", "done"} else "waiting"
 
+    @property
+    def ordered_steps(self) -> tuple[QueuedStep, ...]:
+        """The steps in an order in which one after the other can be done.
+
+        That of their numbers, unless a step was taken over: then its robot's other work may come
+        after it.
+        """
+        left = {step.task: step for step in self.steps}
+        ordered: list[QueuedStep] = []
+        while left:
+            # The first one where nothing is free: what robots store may wait in a ring.
+            ready = (step for step in left.values() if not left.keys() & set(step.after))
+            step = next(ready, next(iter(left.values())))
+            ordered.append(left.pop(step.task))
+        return tuple(ordered)
+
     def to_dict(self, now: dt.datetime) -> dict[str, Any]:
         """Return JSON-able values."""
         return {

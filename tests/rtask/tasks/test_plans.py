@@ -267,7 +267,7 @@ def test_patterns_that_differ_in_names_alone_are_one_predicate():
 
 def test_a_behaviour_tree_has_one_action_a_step_with_its_parameters(kb):
     plan = kb.tasks.plan("every cup into the left box")
-    root = ElementTree.fromstring(behaviour_tree(plan))
+    root = ElementTree.fromstring(behaviour_tree(plan.goal, plan.steps))
     actions = root.findall("BehaviorTree/Sequence/*")
     assert [action.tag for action in actions] == [local_name(s.action) for s in plan.steps]
     assert actions[0].get("thing") == CUP
@@ -285,7 +285,7 @@ def test_a_behaviour_tree_has_no_name_that_its_reader_refuses(kb):
         )
         for step in plan.steps
     )  # fmt: skip
-    root = ElementTree.fromstring(behaviour_tree(replace(plan, steps=steps)))
+    root = ElementTree.fromstring(behaviour_tree(plan.goal, steps))
     actions = root.findall("BehaviorTree/Sequence/*")
     # Sleep is a node of every factory; a port may be called neither name nor _..., nor begin
     # with a digit, and no name has a dot.

@@ -3,60 +3,27 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import signal
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 import rtask
-from endpoint.access.tokens import TokenStore
 from rtask.errors import RemoteUnavailableError, RtaskError
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.executor import Executor
-from simulate.tasks.lab import read_lab
 from tests.commands import start_command
 from tests.rtask.tasks.conftest import BASE, CUP, LAB, LEFT, NAO, PANDA, PEN, RIGHT
-from tests.servers import RunningServer, running_server
-from tests.simulate.tasks.crew_robot import CrewRobot, run_robot
+from tests.servers import running_server
+from tests.simulate.tasks.crew_robot import CrewRobot
+from tests.simulate.tasks.site import PATIENCE_S, KillsServer, Site, ended
 
 pytestmark = pytest.mark.slow
 
 GOAL = "every cup into the left box; every pen into the right box"
-_FORK = multiprocessing.get_context("fork")
-_PATIENCE_S = 240.0
-"""Until a process must have ended, on a loaded machine; no test needs nearly as long."""
-
-
-class Site:
-    """A server whose callers all need tokens, and the lab that it describes."""
-
-    def __init__(self, server: RunningServer, data: Path, folder: Path) -> None:
-        with closing(TokenStore(data)) as tokens:
-            self.admin = tokens.create("admin")[0]
-            self.tokens = {
-                robot: tokens.create("robot", agent=robot.rpartition("/")[2])[0]
-                for robot in (NAO, PANDA)
-            }
-        self.url, self.folder = server.url, folder
-        self.person = rtask.connect(server.url, token=self.admin)
-        lab = read_lab(self.person.query, None)
-        self.reach, self.hands = lab.reach, lab.hands
-        (folder / "lab.json").write_text(json.dumps({"where": lab.where, "done": []}))
-
-    def start(self, robot: str, dies_after: str = "") -> multiprocessing.Process:
-        body = CrewRobot(self.folder, robot, self.reach, self.hands, dies_after)
-        process = _FORK.Process(target=run_robot, args=(self.url, self.tokens[robot], body))
-        process.start()
-        return process
-
-    @property
-    def truth(self) -> dict:
-        return json.loads((self.folder / "lab.json").read_text())
 
 
 @pytest.fixture
@@ -66,7 +33,7 @@ def site(tmp_path: Path) -> Iterator[Site]:
     with rtask.open(data, base=BASE) as kb:
         kb.update(LAB)
     with running_server(data) as server:
-        made = Site(server, data, folder)
+        made = Site(server, data, folder, (NAO, PANDA))
         with made.person:
             yield made
 
@@ -88,17 +55,12 @@ def test_each_robot_is_a_command_of_its_own(site: Site) -> None:
         assert process.stderr is not None
         with process.stdout, process.stderr:
             printed, errors = process.stdout.read(), process.stderr.read()
-        assert process.wait(_PATIENCE_S) == 0, errors
+        assert process.wait(PATIENCE_S) == 0, errors
         turns[robot] = [turn for turn in json.loads(printed)["turns"] if turn["result"] == "done"]
     (plan,) = site.person.call("list_plans", state="all")["plans"]
     assert plan["state"] == "done"
     assert sum(map(len, turns.values())) == len(plan["steps"])
     assert all(turns.values()), "the cup is handed over: each has something to do"
-
-
-def ended(process: multiprocessing.Process) -> int | None:
-    process.join(_PATIENCE_S)
-    return process.exitcode
 
 
 @pytest.mark.parametrize("dies_after", ["put", pytest.param("pick", marks=pytest.mark.deep)])
@@ -138,25 +100,6 @@ def work(robot: Executor) -> None:
         pass
 
 
-class KillsServer:
-    """A robot whose server is killed right after an action, before it can say anything."""
-
-    def __init__(self, body: CrewRobot, server: RunningServer, action: str) -> None:
-        self._body, self._server, self._action = body, server, action
-
-    def __getattr__(self, name: str) -> object:
-        done = getattr(self._body, name)
-        if name != self._action:
-            return done
-
-        def act_and_kill(*arguments: str) -> object:
-            deed = done(*arguments)
-            self._server.stop(signal.SIGKILL)
-            return deed
-
-        return act_and_kill
-
-
 @pytest.mark.parametrize("action", ["pick", pytest.param("put", marks=pytest.mark.deep)])
 def test_what_a_robot_did_while_its_server_was_killed_is_said_to_the_next_one(
     tmp_path: Path, action: str
@@ -166,7 +109,7 @@ def test_what_a_robot_did_while_its_server_was_killed_is_said_to_the_next_one(
     with rtask.open(data, base=BASE) as kb:
         kb.update(LAB)
     with running_server(data) as server:
-        site = Site(server, data, folder)
+        site = Site(server, data, folder, (NAO, PANDA))
         with site.person, rtask.connect(server.url, token=site.tokens[PANDA]) as graph:
             site.person.call("store_plan", goal="every pen into the right box")
             body = CrewRobot(folder, PANDA, site.reach, site.hands)

@@ -316,7 +316,7 @@ def _fields(plan: TaskPlan, *, pddl: bool, tree: bool) -> dict[str, Any]:
     if pddl:
         fields |= {"domain": plan.domain, "problem": plan.problem}
     if tree:
-        fields["behaviour_tree"] = behaviour_tree(plan)
+        fields["behaviour_tree"] = behaviour_tree("; ".join(plan.understood), plan.steps)
     return fields
 
 

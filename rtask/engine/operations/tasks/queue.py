@@ -15,6 +15,7 @@ from rtask.engine.records.identity import check_agent
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import NamedNode, iri
+from rtask.tasks.behaviour_tree import behaviour_tree
 from rtask.tasks.queue import claiming
 from rtask.tasks.queue.reading import QueuedStep, read_queue
 from rtask.wire.message import Answer, Message
@@ -155,6 +156,8 @@ class ListPlans(Message):
 
     state: Literal["open", "all"] = "open"
     """open: those that are not done, cancelled or replaced"""
+    behaviour_tree: Flag = False
+    """also answer XML of BehaviorTree.CPP 4, with the steps as they are assigned now"""
 
 
 class ListedStep(Answer):
@@ -205,6 +208,8 @@ class ListedPlan(Answer):
     settled: str
     """the goal as JSON with the things that its words meant, from which it is planned again; empty
     where the words still say the same"""
+    behaviour_tree: str = ""
+    """only if asked for"""
 
 
 class ListedPlans(Answer):
@@ -294,12 +299,14 @@ def cancel_plan(context: Context, request: CancelPlan, access: Access) -> Cancel
 def list_plans(context: Context, request: ListPlans, access: Access) -> ListedPlans:
     """Return the queue."""
     now = dt.datetime.now(dt.UTC)
-    plans = [plan.to_dict(now) for plan in read_queue(context.kb)]
-    shown = [
-        ListedPlan(**{**plan, "steps": [ListedStep(**step) for step in plan["steps"]]})
-        for plan in plans
-        if request.state == "all" or plan["state"] not in ("done", "cancelled", "replaced")
-    ]
+    shown = []
+    for plan in read_queue(context.kb):
+        if request.state == "all" or plan.state(now) not in ("done", "cancelled", "replaced"):
+            fields = plan.to_dict(now)
+            fields["steps"] = [ListedStep(**step) for step in fields["steps"]]
+            if request.behaviour_tree:
+                fields["behaviour_tree"] = behaviour_tree(plan.goal, plan.ordered_steps)
+            shown.append(ListedPlan(**fields))
     return ListedPlans(plans=shown)
 
 

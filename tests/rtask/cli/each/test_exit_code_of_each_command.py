@@ -36,7 +36,7 @@ _CALLS = {
     "rules add": "r.rq", "rules remove": "x", "rules show": "x", "search": "x",
     "service benchmark": "b.toml", "service call": "a/b c", "service save": "f.json",
     "service show": "a/b", "simulate crew": "every cup into the left box",
-    "tasks cancel": "urn:t --reason x", "teach": "x p.png",
+    "tasks cancel": "urn:t --reason x", "tasks tree": "urn:t", "teach": "x p.png",
     "token expire": "x 1d", "token revoke": "x", "undo": "1", "update": "INSERT{}WHERE{}",
     "where": "mug", "simulate why": "urn:t", "why": "urn:t", "world export": "scene.glb",
 }  # fmt: skip
@@ -238,7 +238,7 @@ def test_what_a_server_does_not_find_ends_with_1_as_in_a_folder(run: Run, tmp_pa
     calls = (
         "contributors withdraw nao-1", "dataset show lab/x", "feedback", "objects show x",
         "questions answer urn:q 1", "rules show x", "service show a/b",
-        "tasks cancel urn:t --reason x", "why urn:t",
+        "tasks cancel urn:t --reason x", "tasks tree urn:t", "why urn:t",
     )  # fmt: skip
     with running_server(tmp_path / "kb") as server:
         codes = {call: run(*call.split(), "--server", server.url) for call in calls}

@@ -29,7 +29,7 @@ _WITHOUT = {
     "prints a line for each file that it is given": "load",
     "prints one thing, which is of no use in part: a proof, a plan, a rule, a file, an answer": """
         explain, plan, why, simulate why, rules show, ontology path, robot srdf, simulate urdf,
-        help, service show, service call, ros2 dds call""",
+        help, service show, service call, ros2 dds call, tasks tree""",
     "prints a line for each of its own checks": "doctor, ros doctor, ros2 doctor, robot check",
     "prints a line for each object in one picture": "recognise, segment, camera",
     "writes all of it, as a file": "export, world export",

@@ -66,6 +66,7 @@ _TERMS: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("rules show", "name"): (_RULE, "rules show {}"),
     ("search", "cls"): (_CLASS, "search blue --class {}"),
     ("tasks cancel", "plan"): (_OTHER, "tasks cancel --reason late {}"),
+    ("tasks tree", "plan"): (_OTHER, "tasks tree {}"),
     ("token create", "rights"): (_GRAPH, "token create --role reader --right read:{}"),
     ("where", "frame"): (_OTHER, "where kb:object/1 --at 2026-01-01T10:30:00Z --frame {}"),
     ("where", "name"): (_MUG, "where {} --at 2026-01-01T10:30:00Z"),
