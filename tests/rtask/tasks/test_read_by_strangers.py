@@ -102,5 +102,5 @@ def test_another_library_ticks_the_tree_of_a_plan_with_all_its_ports(kb, tmp_pat
     plan = kb.tasks.plan("every cup into the left box; the pen into the right box")
     steps = (*plan.steps, plan.steps[0])  # a thing that is picked up twice from one place
     names = {local_name(step.action): list(step.arguments) for step in steps}
-    done = ticked(behaviour_tree(replace(plan, steps=steps)), names, tmp_path)
+    done = ticked(behaviour_tree(plan.goal, steps), names, tmp_path)
     assert done == [(local_name(step.action), dict(step.arguments)) for step in steps]
