@@ -6,7 +6,7 @@ import datetime as dt
 import json
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from rtask.errors import UsageError
@@ -40,7 +40,7 @@ WHERE {{
   OPTIONAL {{ ?plan rt:askingPrice ?asking ; rt:failingPrice ?failing }}
   OPTIONAL {{ ?plan rt:allowsPart ?part }}
   OPTIONAL {{ ?plan rt:settledGoal ?settled }}
-  OPTIONAL {{ ?plan rt:allowsTakeover ?takeover }}
+  OPTIONAL {{ GRAPH ?graph {{ ?plan rt:allowsTakeover ?takeover }} }}
 }}"""
 _OPEN = f"""{PREFIXES}
 SELECT DISTINCT ?plan ?open WHERE {{ ?plan a rt:TaskPlan ; rt:openGoal ?open }} ORDER BY ?open"""
@@ -55,11 +55,12 @@ SELECT ?plan ?step ?number ?action ?values ?text ?robot ?thing ?before ?duration
   OPTIONAL {{ ?step rt:plannedDuration ?duration }}
   OPTIONAL {{ ?step rt:plannedChance ?chance }}
 }}"""
-# Apart from the steps: one that waits for many would else have a row for each two of these.
+# Apart from the steps: one that waits for many would else have a row for each two of these. By the
+# graph, as it is the plan that says so, and nobody else about the plan of another.
 _ASSIGNED = f"""{PREFIXES}
-SELECT DISTINCT ?step ?property ?value WHERE {{
+SELECT ?graph ?step ?property ?value WHERE {{
   VALUES ?property {{ rt:waitsForHand rt:takenFrom rt:assignmentReason }}
-  ?plan a rt:TaskPlan ; rt:hasSubTask ?step . ?step ?property ?value
+  GRAPH ?graph {{ ?plan rt:hasSubTask ?step . ?step ?property ?value }}
 }}"""
 _CLAIMS = f"""{PREFIXES}
 SELECT ?claim ?step ?robot ?begun (MAX(?until) AS ?last) ?ended ?result ?comment ?why WHERE {{
@@ -329,6 +330,7 @@ def read_queue(kb: GraphCore) -> list[QueuedPlan]:
     left_open: dict[str, list[str]] = defaultdict(list)
     for row in kb.select(_OPEN):
         left_open[str(row.value("plan"))].append(str(row.value("open")))
+    assigned = _assigned(kb)
     plans: dict[str, QueuedPlan] = {}
     for row in kb.select(_PLANS):
         task = str(row.value("plan"))
@@ -337,7 +339,7 @@ def read_queue(kb: GraphCore) -> list[QueuedPlan]:
             continue
         plan = _plan(row, tuple(steps.get(task, ())), tuple(left_open.get(task, ())))
         if _may_order(kb, plan):
-            plans[task] = plan
+            plans[task] = _as_assigned(plan, assigned)
     # Plans from before plans had a time come first.
     epoch = dt.datetime.min.replace(tzinfo=dt.UTC)
     return sorted(plans.values(), key=lambda plan: (plan.made or epoch, plan.task))
@@ -360,6 +362,32 @@ def claimed_things(select: Select, things: Iterable[str], now: dt.datetime) -> d
             if claim.is_live(now):
                 claims[str(row.value("thing"))] = claim
     return claims
+
+
+_Assigned = Mapping[tuple[str, str], Mapping[str, list[str]]]
+
+
+def _assigned(kb: GraphCore) -> _Assigned:
+    """Return what each graph says of the assignment of each step, by the name of the property."""
+    assigned: dict[tuple[str, str], dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    for row in kb.select(_ASSIGNED):
+        of_step = assigned[str(row.value("graph")), str(row.value("step"))]
+        of_step[local_name(str(row.value("property")))].append(str(row.value("value")))
+    return assigned
+
+
+def _as_assigned(plan: QueuedPlan, assigned: _Assigned) -> QueuedPlan:
+    steps = []
+    for step in plan.steps:
+        said = assigned.get((plan.graph, step.task), {})
+        steps.append(
+            replace(
+                step, for_hand=tuple(sorted(said.get("waitsForHand", ()))),
+                taken_from=tuple(sorted(said.get("takenFrom", ()))),
+                assignment="; ".join(sorted(said.get("assignmentReason", ()))),
+            )
+        )  # fmt: skip
+    return replace(plan, steps=tuple(steps))
 
 
 def _plan(row: Row, steps: tuple[QueuedStep, ...], open_goals: tuple[str, ...]) -> QueuedPlan:
@@ -418,25 +446,17 @@ def _steps(
     rows: dict[str, list[Row]] = defaultdict(list)
     for row in kb.select(_STEPS):
         rows[str(row.value("step"))].append(row)
-    assigned: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
-    for row in kb.select(_ASSIGNED):
-        of_step = assigned[str(row.value("step"))]
-        of_step[local_name(str(row.value("property")))].append(str(row.value("value")))
     steps: dict[str, list[QueuedStep]] = defaultdict(list)
     for task, of_task in rows.items():
-        step = _step(
-            task, of_task, assigned[task], tuple(claims.get(task, ())),
-            tuple(questions.get(task, ())),
-        )  # fmt: skip
+        step = _step(task, of_task, tuple(claims.get(task, ())), tuple(questions.get(task, ())))
         if step is not None:
             steps[str(of_task[0].value("plan"))].append(step)
     return {plan: sorted(parts, key=lambda step: step.number) for plan, parts in steps.items()}
 
 
 def _step(
-    task: str, rows: Sequence[Row], assigned: Mapping[str, list[str]], claims: tuple[Claim, ...],
-    questions: tuple[Question, ...],
-) -> QueuedStep | None:  # fmt: skip
+    task: str, rows: Sequence[Row], claims: tuple[Claim, ...], questions: tuple[Question, ...]
+) -> QueuedStep | None:
     first = rows[0]
     try:
         arguments = json.loads(str(first.value("values")))
@@ -455,9 +475,6 @@ def _step(
         # A claim by a robot that the plan does not name is no claim.
         tuple(claim for claim in claims if claim.robot in robots),
         tuple(asked for asked in questions if asked.robot in robots),
-        tuple(sorted(assigned.get("waitsForHand", ()))),
-        tuple(sorted(assigned.get("takenFrom", ()))),
-        "; ".join(sorted(assigned.get("assignmentReason", ()))),
     )  # fmt: skip
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from rtask.rdf.namespaces import PREFIXES
 from tests.rtask.tasks.conftest import BASE, LEFT, NAO, PANDA, RIGHT, TABLE, placed, robot
 
@@ -14,16 +16,22 @@ def thing(number: int) -> str:
     return f"{BASE}thing/{number}"
 
 
-def _product(number: int, kind: str, name: str) -> str:
+def _product(number: int, kind: str, name: str, mass: float = 0.1) -> str:
     return (
         f'<{BASE}object/{number}> a rt:{kind} ; rt:objectId "lab/{number}" ; rt:name "{name}" ; '
-        f"rt:graspWidth 0.04e0 ; rt:mass 0.1e0 . {placed(number, TABLE)}"
+        f"rt:graspWidth 0.04e0 ; rt:mass {mass}e0 . {placed(number, TABLE)}"
     )
 
 
-def idle_lab(cups: int = 4, pens: int = 0) -> str:
-    """Return the update that states the lab: the Panda reaches all, and the Naos nothing yet."""
-    things = [_product(n, "Cup", f"cup-{n}") for n in range(cups)]
+def idle_lab(cups: int = 4, pens: int = 0, heavy: Collection[int] = ()) -> str:
+    """Return the update that states the lab: the Panda reaches all, and the Naos nothing yet.
+
+    Parameters
+    ----------
+    heavy
+        Numbers of the cups that no Nao can lift.
+    """
+    things = [_product(n, "Cup", f"cup-{n}", 1.0 if n in heavy else 0.1) for n in range(cups)]
     things += [_product(n, "Pen", f"pen-{n}") for n in range(cups, cups + pens)]
     return f"""{PREFIXES}
 INSERT DATA {{ GRAPH <{BASE}graph/shared> {{

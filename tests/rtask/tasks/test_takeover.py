@@ -130,9 +130,10 @@ def test_what_a_robot_has_begun_or_asked_about_stays_its_own(engine):
     begun = claiming.claim_step(kb, PANDA, AS[PANDA], lease_s=1.0, now=now).step
     later = now + dt.timedelta(hours=1)
     for _ in range(3):
-        step = claiming.claim_step(kb, NAO, AS[NAO], now=later).step
-        assert step.thing != begun.thing, "it may be in the hand of a robot whose program ended"
-        claiming.end_claim(kb, NAO, step.task, "released", AS[NAO], now=later)
+        assert do(engine, NAO).arguments["thing"] != begun.thing
+        do(engine, NAO)
+    rest = claiming.claim_step(kb, NAO, AS[NAO], now=later).step
+    assert rest is None, "it may be in the hand of a robot whose program ended"
     again = claiming.claim_step(kb, PANDA, AS[PANDA], now=later).step
     assert again.task == begun.task
 
@@ -156,6 +157,26 @@ def test_nothing_is_taken_where_the_goal_says_who_the_plan_does_not_say_or_a_rob
     engine.kb.update(f"{PREFIXES} DELETE WHERE {{ GRAPH <{graph}> {{ ?p rt:allowsTakeover ?o }} }}")
     idle = OTHER if old.steps[0].robots == [NAO] else NAO
     assert not claim(engine, idle).claimed, "an older version did not say what may be dropped"
+
+
+def test_a_robot_cannot_say_of_the_plan_of_another_that_it_may_be_taken_over_or_out_of_order():
+    with rtask.open(":memory:", base=BASE) as kb, Engine(kb) as engine:
+        kb.update(idle_lab(1, 1))
+        task = store(engine, "panda-1 should put every cup into the left box")
+        kb.update(f"{PREFIXES} INSERT DATA {{ <{task}> rt:allowsTakeover true }}", access=AS[NAO])
+        assert not claim(engine, NAO).claimed
+        engine.call("cancel_plan", {"plan": task, "reason": "next"}, ANN)
+        kb.update(f"{PREFIXES} DELETE DATA {{ GRAPH <{BASE}graph/shared> {{ <{NAO}> rt:reaches "
+                  f"<{TABLE}> . <{OTHER}> rt:reaches <{TABLE}> }} }}")  # fmt: skip
+        task = store(engine, "every cup into the left box, then every pen into the left box")
+        did = do(engine, PANDA)
+        said = " ".join(
+            f"<{task}> rt:hasSubTask <{task}/{n}> . <{task}/{n}> rt:waitsForHand <{task}/2> ."
+            for n in (3, 4)
+        )
+        kb.update(f"{PREFIXES} INSERT DATA {{ {said} }}", access=AS[NAO])
+        assert did.arguments["thing"] == thing(0)
+        assert not claim(engine, NAO).claimed, "the pen comes after the cup"
 
 
 def plan_of_robot(engine: Engine, task: str) -> QueuedPlan:
@@ -219,23 +240,18 @@ def test_the_order_of_a_goal_holds_whoever_does_it():
         assert claim(engine, NAO).arguments["thing"] not in cups
 
 
-def test_what_came_before_a_pair_in_the_hand_of_its_robot_still_does(engine):
-    store(engine)
-    (first, second, third) = (plan_of(engine).steps[n : n + 2] for n in (0, 2, 4))
-    do(engine, PANDA)
-    taken = set()
-    while second[0].task not in taken:
-        step = do(engine, NAO)
-        do(engine, NAO)
-        taken.add(step.task)
-        if third[0].task in taken:
-            break
-    steps = {step.task: step for step in plan_of(engine).steps}
-    left = [steps[pair[0].task] for pair in (second, third) if pair[0].task not in taken]
-    for step in left:
-        before = [steps[task] for task in step.after]
-        assert first[1].task in {one.task for one in before}
-        assert all(one.robots == (PANDA,) for one in before), "no hand waits for another one's"
+def test_what_came_before_a_pair_in_the_hand_of_its_robot_still_does():
+    with rtask.open(":memory:", base=BASE) as kb, Engine(kb) as engine:
+        kb.update(idle_lab(3, heavy=(0, 2)))
+        store(engine)
+        first, second, third = (plan_of(engine).steps[n : n + 2] for n in (0, 2, 4))
+        assert second[0].thing == thing(1)
+        assert second[1].task in third[0].for_hand
+        claim(engine, PANDA)
+        assert claim(engine, NAO).task == second[0].task
+        last = next(s for s in plan_of(engine).steps if s.task == third[0].task)
+        assert first[1].task in last.for_hand
+        assert not {step.task for step in second} & set(last.after), "another hand is in no way"
 
 
 def test_the_tree_of_a_stored_plan_is_that_of_the_present_assignment(engine):
