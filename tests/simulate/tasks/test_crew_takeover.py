@@ -17,7 +17,7 @@ from rtask.errors import RemoteUnavailableError
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.executor import Executor
 from tests.rtask.tasks.conftest import BASE, LEFT, NAO, PANDA
-from tests.rtask.tasks.idle_lab import GOAL, OTHER, idle_lab, reach_of, thing
+from tests.rtask.tasks.queue.idle_lab import GOAL, OTHER, idle_lab, reach_of, thing
 from tests.servers import running_server
 from tests.simulate.tasks.crew_robot import CrewRobot
 from tests.simulate.tasks.site import PATIENCE_S, KillsServer, Site, ended

@@ -17,7 +17,7 @@ from rtask.rdf.terms import NamedNode, Quad
 from rtask.tasks.queue import claiming
 from rtask.tasks.queue.reading import QueuedPlan, read_queue
 from tests.rtask.tasks.conftest import BASE, LEFT, NAO, PANDA, TABLE
-from tests.rtask.tasks.idle_lab import GOAL, OTHER, idle_lab, reach_of, thing
+from tests.rtask.tasks.queue.idle_lab import GOAL, OTHER, idle_lab, reach_of, thing
 
 pytestmark = pytest.mark.slow
 
