@@ -129,7 +129,7 @@ def planned_steps(
         causes += [(atom, n) for atom in step.adds for n in ended.get(atom, ())]
         before = [n for _, n in causes]
         own = {value for prop, value in statements if local_name(prop) in _OF_ITS_ROBOT}
-        kept = {n for atom, n in causes if not own.issuperset(atom[1:])}
+        for_anyone = {n for atom, n in causes if not own.issuperset(atom[1:])}
         if number - 1 in stages:
             # Those for which no other waits: whatever else there is has ended before them. To wait
             # for a hand does not count, as the order has to hold whoever takes a step over.
@@ -149,7 +149,7 @@ def planned_steps(
                 counts.successes, counts.attempts, start_s,
                 tuple(_support(atom, made, assumed, wording) for atom in step.preconditions),
                 after, evidence.text, evidence.query,
-                tuple(n for n in after if n not in kept and n not in gate),
+                tuple(n for n in after if n not in for_anyone and n not in gate),
             )
         )  # fmt: skip
         ends[number] = start_s + step.duration_s

@@ -61,10 +61,10 @@ def tree(plan: str, data: Path, server: str | None) -> None:
     plan = name_or_iri(plan, data, server)
     with connection(data, server) as client:
         plans = client.call("list_plans", state="all", behaviour_tree=True)["plans"]
-    found = next((item for item in plans if item["task"] == plan), None)
-    if found is None:
+    stored = next((item for item in plans if item["task"] == plan), None)
+    if stored is None:
         raise UnknownTermError(f"there is no stored plan {plan}")
-    click.echo(found["behaviour_tree"], nl=False)
+    click.echo(stored["behaviour_tree"], nl=False)
 
 
 @tasks.command()

@@ -379,12 +379,12 @@ def _assigned(kb: GraphCore) -> _Assigned:
 def _as_assigned(plan: QueuedPlan, assigned: _Assigned) -> QueuedPlan:
     steps = []
     for step in plan.steps:
-        said = assigned.get((plan.graph, step.task), {})
+        stated = assigned.get((plan.graph, step.task), {})
         steps.append(
             replace(
-                step, for_hand=tuple(sorted(said.get("waitsForHand", ()))),
-                taken_from=tuple(sorted(said.get("takenFrom", ()))),
-                assignment="; ".join(sorted(said.get("assignmentReason", ()))),
+                step, for_hand=tuple(sorted(stated.get("waitsForHand", ()))),
+                taken_from=tuple(sorted(stated.get("takenFrom", ()))),
+                assignment="; ".join(sorted(stated.get("assignmentReason", ()))),
             )
         )  # fmt: skip
     return replace(plan, steps=tuple(steps))

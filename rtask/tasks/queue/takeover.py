@@ -184,13 +184,13 @@ def _changes(kb: GraphCore, offer: Takeover) -> tuple[list[Quad], list[Quad]]:
         for prop, value in _described(kb, old, new, graph):
             removed += kb.match(task, prop, None, graph)
             added.append(Quad(task, prop, object_term(value), graph))
-    gone, come = _order(offer)
-    removed += [quad for step, prop, other in gone for quad in
+    dropped, extra = _order(offer)
+    removed += [quad for step, prop, other in dropped for quad in
                 kb.match(NamedNode(step), prop, NamedNode(other), graph)]  # fmt: skip
-    added += [Quad(NamedNode(step), prop, NamedNode(other), graph) for step, prop, other in come]
+    added += [Quad(NamedNode(step), prop, NamedNode(other), graph) for step, prop, other in extra]
     more, less = _of_the_plan(offer, graph)
-    kept = set(added)
-    return [quad for quad in (*removed, *less) if quad not in kept], [*added, *more]
+    restated = set(added)
+    return [quad for quad in (*removed, *less) if quad not in restated], [*added, *more]
 
 
 def _described(
@@ -222,8 +222,8 @@ def _order(offer: Takeover) -> tuple[_Order, _Order]:
     pair = (offer.pair.pick, offer.pair.put)
     tasks = {step.task for step in pair}
     hand_of_pair = {task for step in pair for task in step.for_hand} - tasks
-    gone: _Order = []
-    come: _Order = []
+    dropped: _Order = []
+    extra: _Order = []
     waits = (RT.waitsFor, RT.waitsForHand)
     for step in offer.pair.plan.steps:
         lost = set(step.for_hand) & tasks
@@ -232,13 +232,13 @@ def _order(offer: Takeover) -> tuple[_Order, _Order]:
         elif lost:
             # What came before the pair in the hand of its robot still does before this step.
             new = hand_of_pair - set(step.after) - {step.task}
-            come += [(step.task, prop, task) for task in sorted(new) for prop in waits]
+            extra += [(step.task, prop, task) for task in sorted(new) for prop in waits]
         elif offer.hand in step.arguments.values():
             # What the robot has done with this hand came before, and the rest comes after.
             first, then = (step, offer.pick) if step.is_done else (offer.put, step)
-            come += [(then.task, prop, first.task) for prop in waits]
-        gone += [(step.task, prop, task) for task in sorted(lost) for prop in waits]
-    return gone, come
+            extra += [(then.task, prop, first.task) for prop in waits]
+        dropped += [(step.task, prop, task) for task in sorted(lost) for prop in waits]
+    return dropped, extra
 
 
 def _of_the_plan(offer: Takeover, graph: GraphName) -> tuple[list[Quad], list[Quad]]:
