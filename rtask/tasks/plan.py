@@ -165,7 +165,7 @@ class TaskPlan:
         of it is done: what is to be planned again.
     allows_takeover
         Whether an idle robot may take over what another one has not begun; not where the goal names
-        who is to do it.
+        who is to do it, or who is not.
     """
 
     goal: str

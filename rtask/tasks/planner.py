@@ -390,7 +390,7 @@ def _result(
         problem=pddl.problem,
         deadline=task.deadline,
         settled=task.settled,
-        allows_takeover=not task.others,
+        allows_takeover=not (task.limits.by or task.limits.not_by),
     )
 
 

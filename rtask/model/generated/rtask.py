@@ -3449,8 +3449,8 @@ class TaskPlan(Task):
         without it, all or nothing.
     allows_takeover
         Whether a robot with nothing to do may take over what another one has not begun: not
-        where the goal names who is to do it. Nothing may be taken over from a plan without
-        this statement.
+        where the goal names who is to do it, or who is not. Nothing may be taken over from a
+        plan without this statement.
     asking_price
         What a question to a person about a step of the plan costs, in any unit that
         rt:failingPrice has, too. [UNITLESS]

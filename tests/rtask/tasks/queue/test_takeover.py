@@ -139,9 +139,14 @@ def test_what_a_robot_has_begun_or_asked_about_stays_its_own(engine):
 
 
 def test_nothing_is_taken_where_the_goal_says_who_the_plan_does_not_say_or_a_robot_planned(engine):
-    named = store(engine, "panda-1 should put every cup into the left box")
-    assert not claim(engine, NAO).claimed
-    engine.call("cancel_plan", {"plan": named, "reason": "next"}, ANN)
+    for goal in ("panda-1 should put every cup into the left box", f"{GOAL}, not by nao-1"):
+        named = store(engine, goal)
+        assert not claim(engine, NAO).claimed
+        engine.call("cancel_plan", {"plan": named, "reason": "next"}, ANN)
+        engine.kb.update(
+            f"{PREFIXES} DELETE WHERE {{ GRAPH ?g {{ <{NAO}> rt:reaches ?x }} }} ; "
+            f"DELETE WHERE {{ GRAPH ?g {{ <{OTHER}> rt:reaches ?x }} }}"
+        )
     own = store(engine, "panda-1 should put every cup into the left box", AS[PANDA])
     told = f"<{own}> rt:allowsTakeover"
     graph = f"{BASE}graph/agent/panda-1"
