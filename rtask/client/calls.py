@@ -87,6 +87,7 @@ __all__ = [
     "StepAnswer",
     "StepTimes",
     "StoredPlan",
+    "TakenStep",
     "Taught",
     "Traced",
     "WaitingStep",
@@ -1052,6 +1053,8 @@ class ListedStep(TypedDict):
     why: str
     comment: str
     question: str
+    assignment: str
+    taken_from: list[str]
 
 
 class ListedPlan(TypedDict):
@@ -1099,6 +1102,15 @@ class WaitingStep(TypedDict):
     stuck: bool
 
 
+class TakenStep(TypedDict):
+    """A step that another robot took over."""
+
+    plan: str
+    task: str
+    text: str
+    why: str
+
+
 class ClaimedStep(TypedDict):
     """The step that is the robot's now, or why there is none."""
 
@@ -1117,6 +1129,7 @@ class ClaimedStep(TypedDict):
     asks: NotRequired[bool]
     asked: NotRequired[list[str]]
     waiting: list[WaitingStep]
+    taken: list[TakenStep]
 
 
 class EndedStep(TypedDict):
@@ -1217,6 +1230,8 @@ class FailureExplained(TypedDict):
     subject: str
     attempt: str
     step: str
+    ended: bool
+    assignment: str
     held: bool
     reason: str
     causes: list[FailureCause]
@@ -2072,8 +2087,7 @@ class Calls(ABC):
         state
             open: those that are not done, cancelled or replaced; default: open
         behaviour_tree
-            also answer XML of BehaviorTree.CPP 4, with the steps as they are assigned now; default:
-            False
+            also answer XML of BehaviorTree.CPP 4; default: False
         """
         answer: ListedPlans = self._operate("list_plans", locals())
         return answer

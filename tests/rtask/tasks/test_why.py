@@ -232,9 +232,13 @@ def test_a_step_that_is_carried_out_or_was_given_back_has_not_failed(engine):
     for result in ("", "released"):
         if result:
             engine.call("end_step", {"task": step, "result": result}, NAO)
-        for subject in (plan, step):
-            with pytest.raises(UnknownTermError, match="no step that ended"):
-                engine.call("explain_failure", {"subject": subject}, ANN)
+        with pytest.raises(UnknownTermError, match="no step that ended"):
+            engine.call("explain_failure", {"subject": plan}, ANN)
+        why = engine.call("explain_failure", {"subject": step}, ANN)
+        assert (why.ended, why.held, why.mends, why.causes, why.change) == (
+            False, False, False, [], None
+        )  # fmt: skip
+        assert "the plan gives step 1" in why.assignment
 
 
 def test_the_command_prints_the_cause_and_the_change(tmp_path, capsys):

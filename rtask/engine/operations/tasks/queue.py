@@ -52,13 +52,13 @@ class WaitingStep(Answer):
 
 
 class TakenStep(Answer):
-    """A step that was the robot's until another one, which had nothing to do, took it over."""
+    """A step that another robot took over."""
 
     plan: str
     task: str
     text: str
     why: str
-    """who has it now, and why"""
+    """who has it, and why"""
 
 
 class StepAnswer(Answer):
@@ -106,7 +106,7 @@ class ClaimedStep(Answer):
     """kinds of questions that were asked about it before"""
     waiting: list[WaitingStep]
     taken: list[TakenStep]
-    """what is to be done yet of the robot's steps that others took over, and who has it"""
+    """its steps that others took over and have not done"""
 
 
 class EndStep(Message):
@@ -157,7 +157,7 @@ class ListPlans(Message):
     state: Literal["open", "all"] = "open"
     """open: those that are not done, cancelled or replaced"""
     behaviour_tree: Flag = False
-    """also answer XML of BehaviorTree.CPP 4, with the steps as they are assigned now"""
+    """also answer XML of BehaviorTree.CPP 4"""
 
 
 class ListedStep(Answer):
@@ -178,9 +178,9 @@ class ListedStep(Answer):
     question: str
     """IRI of the question to a person that it waits for; empty for none"""
     assignment: str
-    """why it is its robot's now; empty where that is as planned"""
+    """why it is its robot's; empty: as planned"""
     taken_from: list[str]
-    """IRIs of the robots that it was assigned to before others took it over"""
+    """IRIs of robots that had it before"""
 
 
 class ListedPlan(Answer):

@@ -60,9 +60,9 @@ class FailureExplained(Answer):
     step: str
     """IRI of the planned step; empty if there was no plan"""
     ended: bool
-    """whether it has ended; a planned step that has not is no failure"""
+    """whether it has ended"""
     assignment: str
-    """why the planned step is its robot's; empty where it has ended and that was as planned"""
+    """why the step is its robot's; empty if it has ended and that was as planned"""
     held: bool
     """whether it held after all; then there is no cause"""
     reason: str
