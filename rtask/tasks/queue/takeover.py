@@ -236,7 +236,9 @@ def _order(offer: Takeover) -> tuple[_Order, _Order]:
         elif offer.hand in step.arguments.values():
             # What the robot has done with this hand came before, and the rest comes after.
             first, then = (step, offer.pick) if step.is_done else (offer.put, step)
-            extra += [(then.task, prop, first.task) for prop in waits]
+            # What the goal's order asks for already must not become a wait for the hand alone.
+            if first.task not in then.after:
+                extra += [(then.task, prop, first.task) for prop in waits]
         dropped += [(step.task, prop, task) for task in sorted(lost) for prop in waits]
     return dropped, extra
 
