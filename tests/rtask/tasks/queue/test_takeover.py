@@ -245,6 +245,23 @@ def test_the_order_of_a_goal_holds_whoever_does_it():
         assert claim(engine, NAO).arguments["thing"] not in cups
 
 
+def test_what_the_order_of_a_goal_asks_for_is_no_wait_for_a_hand_after_a_takeover():
+    with rtask.open(":memory:", base=BASE) as kb, Engine(kb) as engine:
+        kb.update(idle_lab(3, 2, heavy=(0, 1, 2)))
+        kb.update(reach_of(NAO))
+        store(engine, "every cup into the left box, then every pen into the right box")
+        cups = {thing(0), thing(1), thing(2)}
+        own = {step.task for step in plan_of(engine).steps if step.robots == (NAO,)}
+        assert own, "while cups are too heavy for it, the Nao has pens"
+        light = "DELETE { GRAPH ?g { ?x rt:mass 1.0e0 } } INSERT { GRAPH ?g { ?x rt:mass 0.1e0 } }"
+        kb.update(f"{PREFIXES} {light} WHERE {{ GRAPH ?g {{ ?x rt:mass 1.0e0 }} }}")
+        claim(engine, PANDA)
+        assert claim(engine, NAO).arguments["thing"] in cups, "it need not wait for its pens"
+        puts = {s.task for s in plan_of(engine).steps if s.thing in cups}
+        pens = [step for step in plan_of(engine).steps if step.task in own]
+        assert all(puts & set(step.after) and not puts & set(step.for_hand) for step in pens)
+
+
 def test_what_came_before_a_pair_in_the_hand_of_its_robot_still_does():
     with rtask.open(":memory:", base=BASE) as kb, Engine(kb) as engine:
         kb.update(idle_lab(3, heavy=(0, 2)))
