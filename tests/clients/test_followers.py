@@ -15,7 +15,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 import rtask
@@ -196,7 +196,15 @@ def _has_come(server: RunningServer, seq: int) -> bool:
 
 
 def _websocket(server: RunningServer, headers: dict[str, str]) -> ClientConnection:
-    return connect(server.url.replace("http", "ws", 1), additional_headers=headers, max_size=None)
+    """Connect; a follower that has not heard of its writer for a while says to ask again."""
+    address, end = server.url.replace("http", "ws", 1), time.monotonic() + 60
+    while True:
+        try:
+            return connect(address, additional_headers=headers, max_size=None)
+        except InvalidStatus as refused:
+            if refused.response.status_code != 503 or time.monotonic() > end:
+                raise
+        time.sleep(0.1)
 
 
 def test_robots_write_and_meet_others_through_a_follower_and_read_there(

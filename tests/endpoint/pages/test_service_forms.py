@@ -76,6 +76,15 @@ class Forms:
         assert found, name
         return json.loads(html.unescape(found[1]))
 
+    def refused(self, name: str, status: int, /, **values: str) -> list[str]:
+        """Call a method that this server cannot carry out; return what its page says."""
+        service, _, method = name.rpartition("/")
+        address, before = f"{self.url}/services/{service}", self._last_commit()
+        answer = self.client.post(address, data={"$method": method, **values})
+        assert answer.status_code == status
+        self.commits[name] += self._last_commit() - before
+        return _words(answer.text)
+
     def _last_commit(self) -> int:
         return int(self.client.get(f"{self.url}/health").json()["seq"])
 
@@ -198,7 +207,11 @@ def _remember(forms: Forms) -> None:
     assert ask("claim_step", **panda)["answer"]["code"] == "try"
     assert ask("end_step", task=step, result="done", **panda)
     assert ask("explain_failure", subject=stored)["text"]
+    for method, more in (("try_changes", {}), ("keep_change", {"branch": "best"})):
+        said = forms.refused(f"rtask/FailureTrials/{method}", 501, subject=stored, **more)
+        assert said == ["a branch needs a graph in a folder; this one is not in any"]
     assert ask("state_place", thing="urn:lab/thing/3", place="urn:lab/place/right")["commit"]
+    assert ask("state_reach", place="urn:lab/place/left", **panda)["commit"]
     assert ask("state_frame", frame="table")["commit"]
     pose = {"position": dict.fromkeys("xyz", 0.5), "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
     seen = [{"object": "urn:lab/object/1", "pose": pose}]
@@ -235,7 +248,9 @@ def _is_watched_here(name: str) -> bool:
     """Whether a method that writes must commit when it is called above.
 
     Each operation of the engine is shown to commit in ``tests/rtask/engine/test_effects.py``; what
-    keeps pipelines writes datasets, which are beside the graph.
+    keeps pipelines writes datasets, which are beside the graph, and trials write branches alone.
     """
-    keeps_pipelines = name in ("rtask/Pipeline/save", "rtask/Pipeline/remove")
-    return not keeps_pipelines and not name.startswith("rtask/Engine/")
+    is_beside = name in (
+        "rtask/Pipeline/save", "rtask/Pipeline/remove", "rtask/FailureTrials/keep_change",
+    )  # fmt: skip
+    return not is_beside and not name.startswith("rtask/Engine/")

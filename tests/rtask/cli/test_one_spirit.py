@@ -65,6 +65,7 @@ _OF_FILES = {
 _WITHOUT_JSON = {
     "help", "serve", "act-serve", "urdf", "changes", "mcp", "node", "ros", "ros2", "run",
     "call",  # of ROS 2: prints JSON anyhow
+    "tree",  # of tasks: prints XML; tasks list has it in JSON
 }  # fmt: skip
 
 

@@ -42,7 +42,7 @@ _READING = {
     "ask", "branch compare", "branch list", "contributors list", "dataset diff",
     "dataset get", "dataset list", "dataset show",
     "episodes ask", "objects list", "objects show", "query", "questions list", "recognise",
-    "search", "tasks list", "token list", "where", "why",
+    "search", "tasks list", "tasks tree", "token list", "where", "why",
 }  # fmt: skip
 """Commands that open what changing commands open, too."""
 _CHANGING = (

@@ -17,7 +17,8 @@ INSERT DATA {{
   <urn:arm> a cora:Robot ; rt:name "arm" ; rt:hasEndEffector <urn:hand> ; rt:reaches <urn:shelf> ;
     rt:canGrasp <urn:cup> .
   <urn:hand> a rt:EndEffector ; rt:providesCapability rt:grasping .
-  <urn:cup> a rt:Exemplar ; rt:locatedOn <urn:shelf> . <urn:shelf> a sumo:Object .
+  <urn:cup> a rt:Exemplar ; rt:locatedOn <urn:shelf> .
+  <urn:shelf> a sumo:Object, rt:SupportSurface .
 }}"""
 """What a reasoner would derive of a cup on a shelf is stated here, for the store has none."""
 

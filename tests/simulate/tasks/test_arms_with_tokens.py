@@ -47,6 +47,7 @@ def test_what_does_not_fit_one_robot_is_refused_before_anything_is_set_up(tmp_pa
     assert not (tmp_path / "kb").exists(), said
 
 
+@pytest.mark.deep
 def test_one_robot_goes_by_the_name_that_it_is_given(tmp_path, capsys):
     """No arm moves and no plan comes: it looks what is on its table, and leaves."""
     words = ["--robot", "panda-kitchen", "--table", "panda", "--things", "1", "--idle", "0.1"]

@@ -85,6 +85,7 @@ def test_the_rest_of_a_robot_that_is_killed_with_a_claim_is_done_by_others_and_n
     assert site.person.query(_OVERLAPS) == []
 
 
+@pytest.mark.deep
 def test_what_was_taken_over_before_the_server_was_killed_is_done_once(tmp_path: Path) -> None:
     data = prepared(tmp_path, 2)
     with running_server(data) as server:

@@ -92,6 +92,7 @@ def test_what_an_arm_cannot_reach_is_brought_to_where_it_can(lab):
     assert kb.branches() == []
 
 
+@pytest.mark.deep
 def test_the_best_change_is_kept_on_a_branch_that_can_be_asked(lab):
     kb, step, folder = lab
     before = state_of(folder, kb)
@@ -213,6 +214,7 @@ def test_a_graph_in_memory_says_that_it_has_no_branches():
             try_changes(kb, step, TrialOptions())
 
 
+@pytest.mark.deep
 def test_at_the_command_line_the_branch_is_named(tmp_path, capsys):
     folder = tmp_path / "store"
     with rtask.open(folder, base=BASE) as kb:

@@ -109,12 +109,9 @@ def _place(context: Context, name: str, robot: NamedNode) -> NamedNode:
     """Return the place of an IRI or a name; two robots may each have a "table"."""
     match = context.kb.match
     if ":" in name:
-        node = iri(name)
-        if not match(node, RDF.type):
-            raise UnknownTermError(f"place: the graph has no {name}", field="place")
-        if match(node, RDF.type, RT.EndEffector) or match(node, RDF.type, CORA.Robot):
-            raise UsageError(f"place: {name} is no table or box", field="place")
-        return node
+        if not match(iri(name), RDF.type, RT.SupportSurface):
+            raise UnknownTermError(f"place: the graph has no table or box {name}", field="place")
+        return iri(name)
     places = {quad.subject for quad in match(None, RDF.type, RT.SupportSurface)}
     own = place_iri(robot, name)
     if own in places:

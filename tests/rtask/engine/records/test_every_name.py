@@ -35,6 +35,7 @@ CALLS: dict[str, dict[str, Any]] = {
     "plan_in_space": {"object": "{object}", "gripper_id": "right_hand"},
     "reconstruct_mesh": {"object": "{object}"},
     "state_place": {"thing": "{cup}", "place": "{spot}"},
+    "state_reach": {"place": "{spot}"},
     "report_sightings": {"frame": "base_footprint", "gone": ["{cup}"],
                          "seen": [{"object": "{object}", "pose": POSE}]},
     "state_frame": {"frame": "camera", "parent": "base_footprint", "pose": POSE},
