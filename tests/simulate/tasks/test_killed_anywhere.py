@@ -78,7 +78,7 @@ def test_a_server_that_is_killed_at_any_call_goes_on_where_it_was(
         with ExitStack() as stack:
             server = stack.enter_context(running_server(data / "store"))
             if site is None:
-                site = Site(server, data / "store", data / "lab")
+                site = Site(server, data / "store", data / "lab", (NAO, PANDA))
                 stack.enter_context(site.person).call("store_plan", goal=GOAL)
 
             def strike(server: Any = server) -> None:
@@ -119,7 +119,7 @@ def test_a_robot_that_is_killed_at_any_call_goes_on_where_it_was(
     data: Path, when: str, at: int
 ) -> None:
     with running_server(data / "store") as server:
-        site = Site(server, data / "store", data / "lab")
+        site = Site(server, data / "store", data / "lab", (NAO, PANDA))
         with site.person as person:
             person.call("store_plan", goal=GOAL)
             nao, first = _started(site, NAO), _started(site, PANDA, at, when)
